@@ -99,7 +99,12 @@ class Api(Check):
             "reset() does not take seed= and options=.",
             "Declare `def reset(self, *, seed=None, options=None)`.",
         ),
-        Rule("EC104", "reset-raises", "reset() raises.", "Fix the line that the finding names."),
+        Rule(
+            "EC104",
+            "reset-raises",
+            "reset() raises.",
+            "Fix the line that raises: the finding's, or that of another file that its message names.",
+        ),
         Rule(
             "EC105",
             "reset-result",
@@ -116,7 +121,7 @@ class Api(Check):
             "EC107",
             "step-raises",
             "step() raises.",
-            "Fix the line that raises; the reproduction reaches it.",
+            "Fix the line that raises: the finding's, or that of another file that its message names.",
         ),
         Rule(
             "EC108",

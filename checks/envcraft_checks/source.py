@@ -109,7 +109,7 @@ class Source(Check):
             "EC003",
             "import-raises",
             "Importing the file raises an exception.",
-            "Fix the statement that the finding names.",
+            "Fix the line that raises: the finding's, or that of another file that its message names.",
         ),
         Rule(
             "EC004",
@@ -139,7 +139,7 @@ class Source(Check):
             "EC008",
             "constructor-raises",
             "The constructor raises or does not end.",
-            "Fix the line that the finding names.",
+            "Fix the finding's line, or that of another file that its message names.",
         ),
         Rule(
             "EC009",
