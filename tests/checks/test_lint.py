@@ -140,6 +140,8 @@ def test_each_rule_reads_what_play_may_never_reach(code: str, parts: dict[str, s
         {"step": "\n        try: self.x = {}['a']\n        except KeyError: pass"},
         {"reset": "self.x = 0", "step": "self.x = min(self.x + 1, LIMIT); done = self.x >= LIMIT", "ended": "done"},
         {"reset": "self.won = False", "step": "self.won = action[0] == 1", "ended": "self.won"},
+        # The line raises, which play shows.
+        {"reset": "self.missed = 0", "step": "self.mised += 1; done = self.missed > 2", "ended": "done"},
         {"reset": "self.x = self.action_space.sample(); self.x.fill(0)"},
         {"reset": "self.np_random.random()", "super": "super().reset(seed=0)"},
         {"reset": "self.best = getattr(self, 'best', 0); self.x = 0", "step": "self.best = max(self.best, self.x)"},
