@@ -446,7 +446,7 @@ class Api(Check):
         code = _CALLS[fault.phase]
         call = phases.in_words(fault.phase, fault.step)
         words = f"{call} raises {subject.raised(fault)} (under {trace.rollout.player}{closed})"
-        raised: dict[str, Any] = {"type": fault.type, "traceback": fault.traceback, **trace.printed}
+        raised: dict[str, Any] = {"type": fault.type, **fault.evidence, **trace.printed}
         return self.finding(code, words, line=line, step=fault.step, **raised)
 
     def _smallest(self, subject: Subject, trace: Trace, finding: Finding) -> Finding:

@@ -279,7 +279,7 @@ class Source(Check):
             words = f"importing raises {subject.raised(fault)}"
             hint = near_module(fault.module, Path(subject.target.path)) if fault.type == "ModuleNotFoundError" else ""
             hint += "; the file defines no class that could be an environment" if _is_script(subject) else ""
-            yield self.finding("EC003", f"{words}{hint}", line=fault.line, traceback=fault.traceback)
+            yield self.finding("EC003", f"{words}{hint}", line=fault.line, **fault.evidence)
             return
         yield from self._judge_effects(subject, description.get("effects", {}), end.output)
         classes = [entry["name"] for entry in description.get("classes", [])]
@@ -303,7 +303,7 @@ class Source(Check):
             if fault.phase == "spaces":
                 new = f"{subject.env_class}({given})" if given else subject.env_class
                 words = f"reading the spaces of a new {new} raises {subject.raised(fault)}"
-            yield self.finding("EC008", words, line=fault.line or subject.line_of(), traceback=fault.traceback)
+            yield self.finding("EC008", words, line=fault.line or subject.line_of(), **fault.evidence)
 
     def _judge_installed(self, subject: Subject, loaded: Loaded) -> Iterator[Finding]:
         """Judge only what prevents the construction of an installed environment, not how its code is written."""
@@ -321,7 +321,7 @@ class Source(Check):
             raise UsageError(fault.message)
         elif fault is not None and fault.phase == "import":
             words = f"importing raises {subject.raised(fault)}"
-            yield self.finding("EC003", words, line=fault.line, traceback=fault.traceback)
+            yield self.finding("EC003", words, line=fault.line, **fault.evidence)
         elif description.get("environment") is False:
             made = str(description.get("made"))
             if subject.target.kind is Kind.MODULE and not description.get("lookalikes"):
@@ -338,7 +338,7 @@ class Source(Check):
         elif fault is not None:
             line, given = fault.line or subject.line_of(), _given(subject)
             words = f"constructing {name}{f' with {given}' if given else ''} raises {subject.raised(fault)}"
-            yield self.finding("EC008", words, line=line, traceback=fault.traceback)
+            yield self.finding("EC008", words, line=line, **fault.evidence)
 
     def _needs(self, name: str | None, subject: Subject) -> Finding:
         description = subject.load().description

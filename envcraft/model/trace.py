@@ -68,6 +68,12 @@ class Fault:
     module: str = ""
 
     @property
+    def evidence(self) -> dict[str, Any]:
+        """The traceback, and the file and line that raised if that is another file, as data of a finding."""
+        elsewhere = {"file": self.file, "file_line": self.file_line} if self.file else {}
+        return {"traceback": self.traceback, **elsewhere}
+
+    @property
     def limit(self) -> ExitReason | None:
         """The limit of the sandbox that the call ran into, if one made it raise."""
         if self.memory:

@@ -121,13 +121,24 @@ def _named(finding: Finding, subject: SubjectReport, place: int, codes: dict[str
     elif finding.line is not None and finding.line > 0:
         location["physicalLocation"]["region"] = {"startLine": finding.line}
     rule = {"ruleIndex": codes[finding.code]} if finding.code in codes else {}
+    elsewhere = _elsewhere(finding, subject)
     return {
         "ruleId": finding.code,
         **rule,
         "level": finding.severity.value,
         "message": _message(finding.message),
         "locations": [location],
+        **({"relatedLocations": elsewhere} if elsewhere else {}),
     }
+
+
+def _elsewhere(finding: Finding, subject: SubjectReport) -> list[dict[str, Any]]:
+    """Return the line of another file of the project that raises, if one does."""
+    file, line, project = finding.evidence.get("file"), finding.evidence.get("file_line"), subject.project
+    if project is None or not isinstance(file, str) or file not in project.files or type(line) is not int or line < 1:
+        return []
+    place = {"artifactLocation": _at(os.path.join(project.root, file)), "region": {"startLine": line}}
+    return [{"physicalLocation": place, "message": {"text": "The line that raises."}}]
 
 
 def _invocation(report: Report) -> dict[str, Any]:
@@ -181,7 +192,11 @@ def _location(subject: SubjectReport, index: int) -> dict[str, Any]:
 
 
 def _place(subject: SubjectReport) -> dict[str, Any]:
-    uri, inside = _uri(subject.path)
+    return _at(subject.path)
+
+
+def _at(path: str) -> dict[str, Any]:
+    uri, inside = _uri(path)
     return {"uri": uri, "uriBaseId": _BASE} if inside else {"uri": uri}
 
 

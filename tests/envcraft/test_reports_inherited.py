@@ -23,6 +23,7 @@ from envcraft.model.target import Target, read_target
 from envcraft.model.verdict import Report
 from envcraft.registry import offered
 from envcraft.reports.reporter import Reporter
+from envcraft.reports.sarif import SarifReporter
 from tests.envcraft.report_samples import rendered
 
 _GRID = """import gymnasium as gym
@@ -174,6 +175,15 @@ def raising(tmp_path_factory: pytest.TempPathFactory) -> Report:
 @pytest.mark.parametrize("kind", offered("envcraft_reporters"), ids=lambda kind: kind.name)
 def test_every_format_names_the_line_of_another_file_that_raises(kind: type[Reporter], raising: Report) -> None:
     assert f"base.py line {_COPIES}" in rendered(kind, raising)
+
+
+def test_sarif_relates_the_line_of_another_file_that_raises(raising: Report) -> None:
+    [result] = json.loads(rendered(SarifReporter, raising))["runs"][0]["results"]
+    [related] = [each["physicalLocation"] for each in result["relatedLocations"]]
+    assert Path(related["artifactLocation"]["uri"]).name == "base.py"
+    assert related["region"] == {"startLine": _COPIES}
+    [finding] = [finding for check in raising.reports[0].checks for finding in check.findings]
+    assert (finding.evidence["file"], finding.evidence["file_line"]) == ("base.py", _COPIES)
 
 
 def test_however_deep_a_library_raises_the_traceback_has_the_line_that_calls_it(raising: Report) -> None:
