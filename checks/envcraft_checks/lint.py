@@ -18,7 +18,8 @@ no cells.
 
 EC061 is about what step() returns: flags in each other's place, an info that is no dict, and one without the key for
 success that the info of another end has. EC062 is about each branch that brings success nearer: its rewards are
-negative numbers. EC063 is about an attribute that render() counts on, and that step() reads.
+negative numbers. EC063 is about an attribute that render() counts on, and that step() reads. EC064 is about a picture
+of bytes that becomes one of floats.
 
 The check runs after the others. If play has shown a defect of the same kind, for example EC204 for a draw from a
 global generator, that finding has the reproduction, and this check does not repeat it. A rule that is off by default
@@ -60,6 +61,7 @@ from envcraft.plugins import hookimpl
 from .linting.actions import impossible_actions
 from .linting.clock import clocks
 from .linting.dead import late_results, repeated_tests
+from .linting.dtypes import float_pictures
 from .linting.early import early_successes
 from .linting.effects import effects, swallowed
 from .linting.equal import equal_values
@@ -124,6 +126,7 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC061", wrong_results),
     ("EC062", punished_successes),
     ("EC063", drawn_changes),
+    ("EC064", float_pictures),
 )
 
 
@@ -227,6 +230,13 @@ class Lint(Check):
             "render() changes what step() decides by.",
             "Change the state in step(), and only draw in render().",
             confirmed_by=("EC208", "EC501"),
+        ),
+        Rule(
+            "EC064",
+            "float-picture",
+            "A branch makes the observation float64, or writes floats into an array of uint8.",
+            "Convert the picture at the end of the branch: `.astype(np.uint8)`.",
+            confirmed_by=("EC104", "EC107", "EC108", "EC112"),
         ),
     )
 

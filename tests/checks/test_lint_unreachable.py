@@ -86,6 +86,9 @@ def test_success_that_another_line_reports(statements: str) -> None:
         ("self._go(action[1])", {"go": "self.x += 1 if code == 2 else 0"}),
         ("self._go(action[1] if self.x else 0)", {"go": "self.x += 1 if code == 2 else 0"}),
         ("self.x += MOVES[int(action[0])][0]", {"moves": "1: (1, 0)"}),
+        ("move = int(action[0])\nif move >= 3: self.x = int(move > 4)", {}),
+        ("self.x += 1 if 2 <= action[1] else 0", {}),
+        ("if action[1] > 1: self.x += 1", {}),
     ],
 )
 def test_an_action_that_the_space_does_not_have(step: str, parts: dict[str, str]) -> None:
@@ -99,6 +102,11 @@ def test_an_action_that_the_space_does_not_have(step: str, parts: dict[str, str]
         ("if action[2] == 2: raise ValueError('no such action')", {}),
         ("if not 0 <= action[0] < 5: raise ValueError('no such action')", {}),
         ("assert action[1] < 2", {}),
+        ("assert not action[1] > 1", {}),
+        ("move = int(action[0])\nif move > 4: move = 4\nself.x += move", {}),
+        ("if action[1] < 0: return self.see(), 0.0, False, False, {}", {}),
+        ("if action[1] > 1: raise ValueError(action)", {}),
+        ("if action[0] > 3: self.x += 1", {}),
         ("bomb = action[2]\nif self.x: bomb = 2\nif bomb == 2: self.x += 1", {}),
         ("bomb = int(action[2])\nbomb += 1\nif bomb == 2: self.x += 1", {}),
         ("for bomb in range(3): self.x += bomb == 2 and action[0] == 1", {}),

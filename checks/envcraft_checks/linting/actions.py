@@ -24,6 +24,9 @@ class _Span(NamedTuple):
 #: The values of a number, or those of each number of an array.
 _Spans = _Span | list[_Span]
 
+_MIRRORED: dict[type[ast.cmpop], type[ast.cmpop]] = {
+    ast.Gt: ast.Lt, ast.Lt: ast.Gt, ast.GtE: ast.LtE, ast.LtE: ast.GtE,
+}  # fmt: skip
 #: Calls whose result equals what they are given, as one number or as an array.
 _SAME = frozenset({
     "array", "asarray", "astype", "copy", "flatten", "int", "int16", "int32", "int64", "int8", "intp", "item", "list",
@@ -43,6 +46,13 @@ def impossible_actions(program: Program) -> Iterator[Suspect]:
                     for one, other in ((left, right), (right, left)):
                         if span := actions.without(one, [other], function):
                             yield from _never(program, node, node, one, span)
+                case ast.Compare(
+                    left=left, ops=[ast.Gt() | ast.GtE() | ast.Lt() | ast.LtE() as order], comparators=[right]
+                ):
+                    for one, other, kind in ((left, right, type(order)), (right, left, _MIRRORED[type(order)])):
+                        span = actions.beyond(one, kind, other, function)
+                        if span and not _corrects(program, node, one):
+                            yield from _never(program, node, node, one, span)
                 case ast.Compare(left=left, ops=[ast.In()], comparators=[ast.Tuple() | ast.List() | ast.Set() as some]):
                     if span := actions.without(left, some.elts, function):
                         yield from _never(program, node, node, left, span)
@@ -56,6 +66,21 @@ def impossible_actions(program: Program) -> Iterator[Suspect]:
                 ):
                     if actions.of(key, function) is not None:
                         yield from _keys_twice(program, table, function)
+
+
+def _corrects(program: Program, test: ast.expr, action: ast.expr) -> bool:
+    """Whether a branch only gives an action another value, or does not go on: a guard against what is no action."""
+    branch = program.parents[test]
+    while isinstance(branch, ast.UnaryOp | ast.BoolOp):
+        branch = program.parents[branch]
+    if isinstance(branch, ast.Assert):
+        return True
+    names = {name_of(node) for node in ast.walk(action)}
+    return isinstance(branch, ast.If) and all(
+        isinstance(each, ast.Return | ast.Continue)
+        or (isinstance(each, ast.Assign) and names & {name_of(target) for target in each.targets})
+        for each in branch.body
+    )
 
 
 def _never(program: Program, test: ast.AST, branch: ast.AST, action: ast.expr, span: _Span) -> Iterator[Suspect]:
@@ -116,6 +141,19 @@ class Actions:
             return None
         outside = all(one is not None and not span.low <= one <= span.high for one in numbers)
         return span if outside else None
+
+    def beyond(self, node: ast.expr, order: type[ast.cmpop], other: ast.expr, function: Function) -> _Span | None:
+        """The values of an expression, if it is an action and no value has this order to a whole number."""
+        span, number = self.of(node, function), self._constant(other, function)
+        if not isinstance(span, _Span) or not span.chosen or number is None:
+            return None
+        never = {
+            ast.Gt: span.high <= number,
+            ast.GtE: span.high < number,
+            ast.Lt: span.low >= number,
+            ast.LtE: span.low > number,
+        }
+        return span if never[order] else None
 
     @property
     def parts(self) -> int:
