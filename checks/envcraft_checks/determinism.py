@@ -112,7 +112,7 @@ class Determinism(Check):
             "EC206",
             "earlier-episodes",
             "The trace depends on earlier episodes.",
-            "Let reset() set every attribute that step() changes.",
+            "Let reset() set every attribute that step() changes, and draw from self.np_random.",
             confirmed_by=("EC115",),
         ),
         Rule(
@@ -131,7 +131,7 @@ class Determinism(Check):
             "EC209",
             "seed-ignored",
             "Different seeds give the same trace.",
-            "Draw the level from self.np_random, unless one fixed level is intended.",
+            "Call super().reset(seed=seed) and draw the level from self.np_random, unless one fixed level is intended.",
             Severity.WARNING,
         ),
         Rule(

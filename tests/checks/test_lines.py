@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from envcraft_checks.api import Api
 from envcraft_checks.endings.flags import flag_line
-from envcraft_checks.linting.generators import fixing_line
+from envcraft_checks.linting.generators import constant_seed
 from envcraft_checks.linting.program import Program
 
 from envcraft.contracts.builtin import ARCADE, GYMNASIUM
@@ -367,6 +367,6 @@ def test_the_line_that_makes_a_flag(body: str, flag: str, named: str | None) -> 
 )
 def test_the_line_that_fixes_the_seed(call: str, named: str | None) -> None:
     source = GAME.replace("super().reset(seed=seed)", call.replace("\n", "\n        "))
-    line = fixing_line(Program(ast.parse(source)))
-    assert (source.splitlines()[line - 1].strip() if line else "").startswith(named or "")
-    assert bool(line) == bool(named)
+    found = constant_seed(Program(ast.parse(source)))
+    assert (source.splitlines()[found.line - 1].strip() if found else "").startswith(named or "")
+    assert bool(found) == bool(named)

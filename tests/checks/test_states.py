@@ -403,6 +403,21 @@ def test_a_line_that_did_not_run_is_not_named_where_another_file_may_write(tmp_p
     assert "def reset" in game.read_text().splitlines()[(finding.line or 0) - 1]
 
 
+def test_a_generator_with_a_fixed_seed_is_named() -> None:
+    parts = {"made": "self.rng = np.random.default_rng(0)  # here", "reset": "self.lane = int(self.rng.integers(80))"}
+    source = _game(**parts)
+    finding = _found(source)["EC206"]
+    assert source.splitlines()[(finding.line or 0) - 1].endswith("# here")
+    assert "creates self.rng with a fixed seed, and reset() does not seed it again" in finding.message
+
+
+def test_a_constant_seed_is_named() -> None:
+    source = _game().replace("super().reset(seed=seed)", "super().reset(seed=42)  # here")
+    finding = _found(source)["EC209"]
+    assert "seeds with a constant: super().reset(seed=42)" in finding.message
+    assert source.splitlines()[(finding.line or 0) - 1].endswith("# here")
+
+
 def test_uninitialised_memory_is_named() -> None:
     source = _game(shown="frame = np.empty((84, 84, 3), np.uint8)  # here\nframe[:70] = 0")
     # What the memory holds is up to the system, so play need not show it.

@@ -12,13 +12,13 @@ from envcraft.model.rollout import Conditions, Episode, Rollout
 from envcraft_checks.comparing.causes import TELEMETRY, Cause, by_reading, code_of, fewer_episodes
 from envcraft_checks.comparing.conditions import OTHER_STATE, SHIFTED
 from envcraft_checks.comparing.traces import diverge
-from envcraft_checks.linting.generators import fixing_line
-from envcraft_checks.linting.program import program_of
+from envcraft_checks.linting.generators import constant_seed
+from envcraft_checks.linting.program import Suspect, in_words, program_of
 
 if TYPE_CHECKING:
     from envcraft.judging.check import Check
     from envcraft.judging.subject import Subject
-    from envcraft.model.verdict import Finding, Line
+    from envcraft.model.verdict import Finding
 
 #: Seeds that are played once more under other conditions.
 _MORE_SEEDS = 8
@@ -88,18 +88,20 @@ def ignored(check: Check, subject: Subject) -> Iterator[Finding]:
         if any(diverge(traces[0], trace, info=False) is not None for trace in traces[1:]):
             return
     if not any(trace.opaque for trace in traces):
+        fixed = _constant_seed(subject)
+        why = f"; {in_words([fixed])[0]}" if fixed is not None and fixed.certain else ""
         yield check.finding(
             "EC209",
-            f"the seeds {seeds} give the same frames, rewards and flags, which is fine for one fixed level",
-            line=_fixing_line(subject),
+            f"the seeds {seeds} give the same frames, rewards and flags, which is fine for one fixed level{why}",
+            line=fixed.line if fixed is not None else subject.line_of("reset"),
             repro=repro(same[0].cut(20)),
             seeds=seeds,
         )
 
 
-def _fixing_line(subject: Subject) -> int | Line | None:
+def _constant_seed(subject: Subject) -> Suspect | None:
     program = program_of(subject)
-    return (program and fixing_line(program)) or subject.line_of("reset")
+    return constant_seed(program) if program is not None else None
 
 
 def _rendered(check: Check, subject: Subject, rollout: Rollout) -> Iterator[Finding]:
@@ -153,4 +155,6 @@ def unseeded(check: Check, subject: Subject, fixed: bool) -> Iterator[Finding]:
     if 2 * different > _UNSEEDED:
         words = f"after reset(seed={plain.seed}) all {_UNSEEDED + 1} resets without a seed give the same episode, "
         words += f"while {_UNSEEDED} seeds give {different + 1} different ones"
-        yield check.finding("EC212", words, line=_fixing_line(subject), repro=repro(after(1)))
+        seeding = _constant_seed(subject)
+        line = seeding.line if seeding is not None else subject.line_of("reset")
+        yield check.finding("EC212", words, line=line, repro=repro(after(1)))

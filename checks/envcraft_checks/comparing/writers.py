@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from envcraft.model.target import Kind, parse
 from envcraft.text import relative
 from envcraft_checks.linting.clock import clocks, readings
-from envcraft_checks.linting.generators import generators, seeded_draws
+from envcraft_checks.linting.generators import generators, kept_generators, seeded_draws
 from envcraft_checks.linting.leftovers import kept, leftovers, used_fields
 from envcraft_checks.linting.once import closures, constants, iterators, uninitialised
 from envcraft_checks.linting.order import orders, turns
@@ -46,7 +46,7 @@ FINDERS: dict[str, tuple[Callable[[Program], Iterator[Suspect]], ...]] = {
     "EC203": (orders,),
     "EC204": (generators,),
     "EC205": (clocks,),
-    "EC206": (kept, leftovers, shared, *_ONCE),
+    "EC206": (kept, leftovers, shared, *_ONCE, kept_generators),
     "EC207": (shared, *_ONCE),
     "EC215": (kept_actions,),
 }

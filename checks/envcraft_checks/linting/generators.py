@@ -47,7 +47,8 @@ def generators(program: Program) -> Iterator[Suspect]:
                 continue
             if path.endswith(".shuffle") or usage.is_used(node, function):
                 yield Suspect(line(node), words)
-    yield from _fixed(program, usage)
+    yield from _own(program, usage)
+    yield from _of_module(program, usage)
     yield from _ignored_seed(program)
     yield from _constant_seed(program)
 
@@ -68,11 +69,16 @@ def seeded_draws(program: Program) -> Iterator[Suspect]:
             return
 
 
-def fixing_line(program: Program) -> int | None:
-    """The line of reset() that seeds a generator with a constant, or chooses one where it receives no seed; None if
-    there is none or several.
+def kept_generators(program: Program) -> Iterator[Suspect]:
+    """Find generators of an instance that outlive its episodes, once play has shown that something does."""
+    yield from (suspect._replace(certain=False) for suspect in _own(program, Usage(program)))
+
+
+def constant_seed(program: Program) -> Suspect | None:
+    """The line of reset() that seeds a generator with a constant, or, which is not certain, chooses a seed where it
+    receives none; None if there is none or several.
     """
-    lines = set()
+    found: dict[int, Suspect] = {}
     for function in program.reached("reset"):
         for node in function.nodes:
             match node:
@@ -87,8 +93,9 @@ def fixing_line(program: Program) -> int | None:
                 case _:
                     continue
             if fixed:
-                lines.add(line(node))
-    return lines.pop() if len(lines) == 1 else None
+                words = f"seeds with a constant: {ast.unparse(node)[:60]}"
+                found.setdefault(line(node), Suspect(line(node), words, certain=isinstance(node, ast.Call)))
+    return found.popitem()[1] if len(found) == 1 else None
 
 
 def _is_number(node: ast.AST) -> bool:
@@ -205,8 +212,8 @@ def _drawn(program: Program, field: str) -> bool:
     return bool(called) and "seed" not in called
 
 
-def _fixed(program: Program, usage: Usage) -> Iterator[Suspect]:
-    """Find generators that only the constructor or the module creates with a fixed seed, and play draws from."""
+def _own(program: Program, usage: Usage) -> Iterator[Suspect]:
+    """Find generators that only the constructor creates, with a fixed seed, and play draws from."""
     built = [function for function in program.all if function not in program.play]
     for function in built:
         for target, value, node in function.bindings:
@@ -224,6 +231,10 @@ def _fixed(program: Program, usage: Usage) -> Iterator[Suspect]:
                 and usage.is_used(value, function)
             ):
                 yield Suspect(line(node), f"creates self.{field} with a fixed seed, and reset() does not seed it again")
+
+
+def _of_module(program: Program, usage: Usage) -> Iterator[Suspect]:
+    """Find generators of the module that play draws from, and what the module draws itself."""
     loaded = {
         node.id
         for function in program.play
