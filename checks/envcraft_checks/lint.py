@@ -67,6 +67,7 @@ from .linting.effects import effects, swallowed
 from .linting.equal import equal_values
 from .linting.generators import generators
 from .linting.lasting import lasting_parts
+from .linting.late import late_pictures
 from .linting.leftovers import leftovers
 from .linting.limits import other_limits
 from .linting.logic import contradictions, divisions
@@ -114,6 +115,7 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC059", impossible_actions),
     ("EC059", repeated_tests),
     ("EC059", late_results),
+    ("EC059", late_pictures),
     ("EC059", unsigned),
     ("EC059", early_successes),
     ("EC060", ongoing_successes),

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import textwrap
+
 import pytest
 
-from tests.checks.lint_games import codes, pressed
+from tests.checks.lint_games import codes, found, pressed
 
 
 def ends(terminated: str, truncated: str, success: str, before: str = "") -> set[str]:
@@ -188,3 +190,49 @@ def test_a_result_that_changes_too_late(step: str) -> None:
 )
 def test_a_result_that_changes_in_time(step: str) -> None:
     assert pressed(step) == {}
+
+
+DRAWN = """
+import gymnasium as gym
+import numpy as np
+class Game(gym.Env):
+    action_space = gym.spaces.MultiDiscrete([5, 2, 2])
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.x, self.v, self.t = float(self.np_random.integers(9)), 1.5, 0
+        self.frame = self._draw()
+        return self.frame, {{}}
+    def step(self, action):
+        self.v = float(action[0]) - 1.5
+{step}
+    def _draw(self):
+        frame = np.zeros((84, 84, 3), np.uint8)
+        frame[int(self.x) % 84, self.t % 84] = 255
+        return frame
+    def _move(self):
+        self.x += self.v
+        return float(self.x > 50)
+    def _tick(self):
+        self.t += 1
+    def _hit(self):
+        if self.x > 60:
+            self.x = 0.0
+        return 0.0
+"""
+_END = ", reward, self.x > 70, self.t > 99, {}"
+
+
+@pytest.mark.parametrize(
+    ("step", "expected"),
+    [
+        (f"self.frame = self._draw()\nreward = self._move()\nreturn self.frame.copy(){_END}", {"EC059"}),
+        (f"frame = self._draw()\nreward = 1.0 + self._move()\nreturn frame{_END}", {"EC059"}),
+        (f"reward = self._move()\nframe = self._draw()\nreturn frame{_END}", set()),
+        (f"frame = self._draw()\nreward = self._move()\nframe = self._draw()\nreturn frame{_END}", set()),
+        # A clock, and what happens now and then.
+        (f"reward = self._move()\nframe = self._draw()\nself._tick()\nreturn frame{_END}", set()),
+        (f"reward = self._move()\nframe = self._draw()\nself._hit()\nreturn frame{_END}", set()),
+    ],
+)
+def test_a_picture_that_is_drawn_too_early(step: str, expected: set[str]) -> None:
+    assert found(DRAWN.format(step=textwrap.indent(step, " " * 8))) == expected
