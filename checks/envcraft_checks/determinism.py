@@ -18,7 +18,8 @@ Then the check plays both runs once more and compares their states after each st
 and of its objects, class attributes, globals of the module, default arguments and random generators. The finding names
 what differs first, with both values, and the line that writes it: `self.speed differs first, after step 3: 0.25 and
 0.75, and line 41 writes it`. It does not name what also differs between two equal runs, such as the time of day. If
-several fields differ after the same step, it names the one from which the others are calculated.
+several fields differ after the same step, it names the one from which the others are calculated. What instances share
+also outlives the episode: EC207 alone reports it, and names the file of the project that changes it.
 
 The line of a finding is the first that is known of these: the only line that writes the key of info; the line that
 draws, reads or writes what differs first; the first of the lines that depend on the condition; the line of `reset` or
@@ -54,7 +55,7 @@ def reset(self, *, seed=None, options=None):
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from envcraft.errors import Skip, Undecided
@@ -230,7 +231,7 @@ class Determinism(Check):
                 return
         info = not reported & set(TELEMETRY.values())
         if (differing := seeds.differing(subject, info)) is not None:
-            more = list(self._compare(subject, differing, info))
+            more = _apart(self._compare(subject, differing, info))
             yield from (finding for finding in more if finding.code not in reported)
             if more:
                 return
@@ -275,7 +276,7 @@ class Determinism(Check):
         info = True
         while True:
             codes = set()
-            for finding in self._compare(subject, rollout, info, left_out):
+            for finding in _apart(self._compare(subject, rollout, info, left_out)):
                 codes.add(finding.code)
                 yield finding
             if not codes or codes - _WARNINGS:
@@ -386,6 +387,8 @@ class Determinism(Check):
         }[code]
         writers = Writers(subject, code)
         field = first_field(subject, rollout, cause, writers)
+        if field is not None:
+            writers.follow(field.path)
         where, line = in_words(writers, field)
         evidence: dict[str, Any] = {"state": field.evidence} if field is not None else {}
         if writers.elsewhere is not None:
@@ -405,6 +408,18 @@ class Determinism(Check):
             second=divergence.second,
             **evidence,
         )
+
+
+def _apart(found: Iterable[Finding]) -> list[Finding]:
+    """Findings without the second of one cause: what instances share also outlives the episode."""
+    findings = list(found)
+    paths = [finding.evidence.get("state", {}).get("path", "self.") for finding in findings]
+    shared = {path for finding, path in zip(findings, paths, strict=True) if finding.code == "EC207"}
+    return [
+        finding
+        for finding, path in zip(findings, paths, strict=True)
+        if finding.code != "EC206" or path not in shared or path.startswith("self.")
+    ]
 
 
 @hookimpl

@@ -91,11 +91,12 @@ def test_a_finding_names_the_keys_of_an_observation_that_differ() -> None:
     options: Any = {"contract": "gymnasium", "sandbox": "process", "budget": "quick", "checks": "determinism"}
     report = envcraft.validate(_TOURIST, **options)
     found = [finding for check in report.reports[0].checks for finding in check.findings]
-    assert [finding.code for finding in found] == ["EC206", "EC207"]
-    assert all(" in ['seen'][1] (" in finding.message for finding in found)
+    # The episodes differ for the same reason.
+    assert [finding.code for finding in found] == ["EC207"]
+    assert " in ['seen'][1] (" in found[0].message
     line = 1 + _TOURIST.splitlines().index("        Tourist.visits += 1")
-    assert all(f"; line {line} assigns Tourist.visits, which all" in finding.message for finding in found)
-    assert {finding.line for finding in found} == {line}
+    assert f"; line {line} assigns Tourist.visits, which all" in found[0].message
+    assert found[0].line == line
     assert found[0].evidence["second"] == found[0].evidence["first"] + 1
 
 

@@ -143,7 +143,7 @@ CAUSES = {
         },
     ),
     "a counter of the module": (
-        "EC206",
+        "EC207",
         "EPISODES",
         {
             "top": "EPISODES = 0\n",
@@ -152,7 +152,7 @@ CAUSES = {
         },
     ),
     "a default argument": (
-        "EC206",
+        "EC207",
         "Lane._put(where)",
         {
             "owned": "def _put(self, where=[]):\n    where.append(self.lane)  # here\n    return len(where)",
@@ -171,7 +171,7 @@ CAUSES = {
         },
     ),
     "a generator of the module": (
-        "EC206",
+        "EC207",
         "RNG",
         {
             "top": "RNG = np.random.default_rng(3)\n",
@@ -401,6 +401,18 @@ def test_a_line_that_did_not_run_is_not_named_where_another_file_may_write(tmp_p
     finding = _found(str(game), contract="gymnasium")["EC206"]
     assert "writes it" not in finding.message
     assert "def reset" in game.read_text().splitlines()[(finding.line or 0) - 1]
+
+
+def test_a_cache_of_another_file_is_named_there_and_once(tmp_path: Path) -> None:
+    (tmp_path / "levels.py").write_text(
+        "CACHE = {}\n\n\ndef level(n):\n    CACHE[n] = CACHE.get(n, 0) + 1\n    return CACHE[n] % 9\n"
+    )
+    game = tmp_path / "game.py"
+    game.write_text(_game("import levels", reset="self.rock = levels.level(1)", shown=_BAR.format("self.rock")))
+    [finding] = _found(str(game), contract="gymnasium").values()
+    assert finding.code == "EC207"
+    assert finding.message.endswith("levels.py line 5 changes CACHE, which all episodes and instances share")
+    assert [line.rpartition("levels.py")[2] for line in finding.evidence["lines"]] == [":5"]
 
 
 def test_a_generator_with_a_fixed_seed_is_named() -> None:

@@ -76,13 +76,14 @@ class Writers:
     Attributes:
         code: of the finding.
         suspects: the places in the file that do what the code reports.
-        elsewhere: the first file of the project that has such places if the file has none, and the places.
+        elsewhere: the first file of the project that has such places if the file has none, and the places; of shared
+            state, those of :meth:`follow`.
     """
 
     def __init__(self, subject: Subject, code: str) -> None:
         self.code = code
         self._program: Program | None = None
-        self._in_project = subject.target.project is not None
+        self._project = subject.target.project
         self.suspects: list[Suspect] = []
         self.elsewhere: tuple[str, list[Suspect]] | None = None
         try:
@@ -96,10 +97,32 @@ class Writers:
             for finders in (FINDERS.get(code, ()), _LAST.get(code, ())):
                 if not self.suspects and self.elsewhere is None:
                     self.suspects = list(dict.fromkeys(one for find in finders for one in find(program)))
-                    if not self.suspects and code not in SHARED and subject.target.project is not None:
-                        self.elsewhere = _elsewhere(program, subject.target.project, finders)
+                    if not self.suspects and code not in SHARED and self._project is not None:
+                        self.elsewhere = _elsewhere(program, self._project, finders)
         except (RecursionError, SyntaxError, ValueError):
             self._program = None
+
+    def follow(self, path: str) -> None:
+        """Look for the lines that change a field of another module of the project, if the file has none.
+
+        Args:
+            path: the field, by the name of its module.
+        """
+        if self.code not in SHARED or self._program is None or self._project is None or self._writes(path):
+            return
+        for file, helpers in _helpers(self._program, self._project):
+            if inside := _inside(file, _plain(path)):
+                name = re.split(r"[\[(]", inside)[0]
+                words = f"changes {name}, which all episodes and instances share"
+                found = [
+                    Suspect(line(node), words)
+                    for function in helpers.all
+                    for target, node in _targets(function)
+                    if _names(target, _last(inside), function, inside)
+                ]
+                if found:
+                    self.elsewhere = relative(os.path.join(self._project.root, file)), list(dict.fromkeys(found))
+                    return
 
     def most_causal(self, paths: list[str], part: str) -> str:
         """The field that the others follow from, as far as the file tells; of several one that is returned.
@@ -146,7 +169,7 @@ class Writers:
             # What creates an object once runs in no episode.
             writes = [write for write in writes if write[0] not in self._created]
             # The method of another file may be the one that ran.
-            if self._in_project and path.startswith("self."):
+            if self._project is not None and path.startswith("self."):
                 writes = [write for write in writes if not lines.isdisjoint(_lines(write[0]))]
         found = min(writes, key=rank, default=None)
         return line(found[0]) if found is not None else None
@@ -294,21 +317,32 @@ class Writers:
         return found
 
 
-def _elsewhere(
-    program: Program, project: Project, finders: Iterable[Callable[[Program], Iterator[Suspect]]]
-) -> tuple[str, list[Suspect]] | None:
-    """The first file of a project in which some finders find places, and these."""
+def _helpers(program: Program, project: Project) -> Iterator[tuple[str, Helpers]]:
+    """The other files of a project that can be read, by path."""
     trees: dict[str, ast.Module] = {}
     for path, data in sorted(project.files.items()):
         if path.endswith(".py"):
             with contextlib.suppress(SyntaxError, ValueError, RecursionError, MemoryError):
                 trees[path] = parse(data)
     mentioned = set().union(*map(mentions, (program.tree, *trees.values())))
-    for path, tree in trees.items():
-        helpers = Helpers(tree, mentioned)
+    yield from ((path, Helpers(tree, mentioned)) for path, tree in trees.items())
+
+
+def _elsewhere(
+    program: Program, project: Project, finders: Iterable[Callable[[Program], Iterator[Suspect]]]
+) -> tuple[str, list[Suspect]] | None:
+    """The first file of a project in which some finders find places, and these."""
+    for path, helpers in _helpers(program, project):
         if found := list(dict.fromkeys(one for find in finders for one in find(helpers))):
             return relative(os.path.join(project.root, path)), found
     return None
+
+
+def _inside(file: str, path: str) -> str:
+    """What follows the name of a file's module in the path of a field; "" if the path starts with another name."""
+    parts = file.removesuffix(".py").removesuffix("/__init__").split("/")
+    modules = (".".join(parts[start:]) for start in range(len(parts)))
+    return next((path[len(module) + 1 :] for module in modules if path.startswith(f"{module}.")), "")
 
 
 _WRAPPED = re.compile(r"(?:len|list|iter)\(")
