@@ -403,8 +403,10 @@ class Api(Check):
                 words = f"{change.name} is {change.now} at {_at(change.step)}, with other bounds than before the reset"
             line = subject.line_of("step" if change.step else "reset")
             yield self.finding("EC115", f"{words} (under {who})", line=line, step=change.step)
+        # A picture of another dtype than the space has, which is the observation, too, is reported as that.
+        twice = any(problem.kind == "type" for problem in trace.problems)
         for problem in trace.render_problems:
-            if problem.kind in ("type", "format"):
+            if problem.kind == "type" or (problem.kind == "format" and not twice):
                 own = "NoneType" in problem.words and not subject.line_of("render").note
                 lost = _lost_mode(subject) if own else ""
                 line = subject.line_of("__init__") if lost else line_of_result(subject, "render")

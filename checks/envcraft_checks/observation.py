@@ -101,6 +101,7 @@ class Observation(Check):
             "unlike-render",
             "The observation differs from render().",
             "Draw both with one method, after all changes of state.",
+            confirmed_by=("EC208",),
         ),
         Rule(
             "EC405",
