@@ -181,7 +181,7 @@ class TestBaseline:
         (games / "leaky.py").write_text(LEAKY)
         options = ("games/leaky.py", "--sandbox", "process", "--budget", "quick", "--checks", "determinism,lint")
         invoke("validate", *options, "--output", "base.json")
-        assert set(codes(Path("base.json").read_text())) >= {"EC206"}
+        assert set(codes(Path("base.json").read_text())) >= {"EC207"}
         again = invoke("validate", *options, "--format", "json", "--baseline", "base.json")
         assert (again.exit_code, codes(again.stdout)) == (0, [])
 
