@@ -13,6 +13,8 @@ import gymnasium as gym
 GEMS = 6
 class Game(gym.Env):
     action_space = gym.spaces.MultiDiscrete([5, 2, 2])
+    def __init__(self):
+        self.total, self.old = 0, []
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
         self.at, self.steps, self.count, self.bonus = 0, 0, 0, 0
@@ -22,6 +24,7 @@ class Game(gym.Env):
         self.keys = []
         for n in range(3):
             self.keys.append(n)
+            self.old.append(n)
         return self.at, {}
     def step(self, action):
         self.steps += 1
@@ -83,10 +86,14 @@ def test_a_threshold_above_the_number_of_things(step: str) -> None:
         TAKE + OPEN + "won = self.count > GEMS",
         # Nothing says that the door was open.
         "self.open[self.at] = False\nself.count += 1\nwon = self.count > GEMS",
+        TAKE + "if action[2]:\n    self.gems[:0] = [1, 2]\nwon = self.count > GEMS",
+        # It was never set back, and goes on over episodes.
+        TAKE.replace("count", "total") + "won = self.total > GEMS",
+        "won = len(self.old) > 3",
         # The list has another name, under which it grows.
         "more = self.keys\nmore.append(5)\nwon = len(self.keys) > 3",
         "sorted_in(self.keys)\nwon = len(self.keys) > 3",
     ],
 )
 def test_a_threshold_that_may_be_reached(step: str) -> None:
-    assert codes(step) == set()
+    assert "EC059" not in codes(step)

@@ -49,6 +49,8 @@ class Lengths:
     def counted(self, counter: str) -> float:
         """The most that an attribute counts if each time it takes an item for good; infinity if it is not known."""
         lists: set[str] = set()
+        if not self._is_reset(counter):
+            return math.inf
         for method in self._methods:
             for target, value, _ in method.bindings:
                 if method.field(target) == counter and self._constant(value, method) != 0:
@@ -60,6 +62,15 @@ class Lengths:
                         return math.inf
                     lists.add(taken)
         return self.most(lists.pop()) if len(lists) == 1 else math.inf
+
+    def _is_reset(self, field: str) -> bool:
+        """Whether reset() gives an attribute a first value, itself or in a method."""
+        return any(
+            method.field(target) == field
+            for method in self._program.reached("reset")
+            if method not in self._play
+            for target, _, _ in method.bindings
+        )
 
     def of(self, node: ast.AST | None, method: Function, depth: int = _DEPTH) -> float:
         """The most items of an expression; infinity if it is not known."""
@@ -100,11 +111,19 @@ class Lengths:
         """How many items each place adds that writes into an attribute; infinity if it is not known."""
         for method in self._methods:
             for target, node in method.writes:
-                if method.field(target) != field or isinstance(node, ast.Subscript):
+                if method.field(target) != field:
+                    continue
+                if isinstance(node, ast.Subscript):
+                    if isinstance(node.slice, ast.Slice) and isinstance(node.ctx, ast.Store):
+                        yield math.inf
                     continue
                 name = node.func.attr if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) else ""
                 if name in _ADDERS:
-                    yield math.inf if method in self._play else self._repeated(node, method)
+                    # Another method may be called several times, and a list without a first value there grows.
+                    once = method.name == "reset" and any(
+                        method.field(bound) == field for bound, _, _ in method.bindings
+                    )
+                    yield self._repeated(node, method) if once else math.inf
                 elif name not in _TAKERS | {"clear", "reverse", "rotate", "sort"}:
                     yield math.inf
 
@@ -117,8 +136,7 @@ class Lengths:
                 times *= self.of(node.iter, method)
             elif isinstance(node, ast.While | ast.comprehension | ast.Lambda):
                 return math.inf
-        # Another method may call this one several times.
-        return times if method.name == "reset" else math.inf
+        return times
 
     def _is_private(self, field: str) -> bool:
         """Whether only methods of the environment use the object of an attribute, under no other name."""
