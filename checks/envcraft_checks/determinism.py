@@ -55,8 +55,9 @@ def reset(self, *, seed=None, options=None):
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 from envcraft.errors import Skip, Undecided
 from envcraft.judging.check import Check, Rule
@@ -73,6 +74,7 @@ from envcraft_checks.comparing.writers import SHARED, Writers
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
+    from envcraft.model.verdict import CheckReport
 
 #: Codes after which the comparison goes on without their cause.
 _WARNINGS = {*TELEMETRY.values(), "EC218"}
@@ -195,6 +197,16 @@ class Determinism(Check):
         ),
     )
 
+    def __init__(self) -> None:
+        #: The findings of EC206 whose cause EC207 reports, by subject.
+        self._same: WeakKeyDictionary[Subject, list[Finding]] = WeakKeyDictionary()
+
+    def conclude(self, subject: Subject, reports: Sequence[CheckReport]) -> list[Finding]:
+        same = self._same.pop(subject, [])
+        # The author may ignore EC207.
+        shown = any(finding.code == "EC207" for report in reports for finding in [*report.findings, *report.known])
+        return [] if shown else same
+
     def judge(self, subject: Subject) -> Iterator[Finding]:
         if subject.load().description.get("nondeterministic"):
             raise Skip("the environment is registered as nondeterministic")
@@ -231,7 +243,7 @@ class Determinism(Check):
                 return
         info = not reported & set(TELEMETRY.values())
         if (differing := seeds.differing(subject, info)) is not None:
-            more = _apart(self._compare(subject, differing, info))
+            more = self._apart(subject, self._compare(subject, differing, info))
             yield from (finding for finding in more if finding.code not in reported)
             if more:
                 return
@@ -276,7 +288,7 @@ class Determinism(Check):
         info = True
         while True:
             codes = set()
-            for finding in _apart(self._compare(subject, rollout, info, left_out)):
+            for finding in self._apart(subject, self._compare(subject, rollout, info, left_out)):
                 codes.add(finding.code)
                 yield finding
             if not codes or codes - _WARNINGS:
@@ -353,6 +365,20 @@ class Determinism(Check):
             cause, parts = Cause("EC206", together, found), {name: code for code, _, name in alone}
             yield self._found(subject, rollout, causes.of_several(subject, rollout, base, cause, parts, info))
 
+    def _apart(self, subject: Subject, found: Iterable[Finding]) -> list[Finding]:
+        """Findings without the second of one cause: what instances share also outlives the episode."""
+        findings = list(found)
+        paths = [finding.evidence.get("state", {}).get("path", "self.") for finding in findings]
+        shared = {path for finding, path in zip(findings, paths, strict=True) if finding.code == "EC207"}
+        same = [
+            finding
+            for finding, path in zip(findings, paths, strict=True)
+            if finding.code == "EC206" and path in shared and not path.startswith("self.")
+        ]
+        if same:
+            self._same[subject] = same
+        return [finding for finding in findings if finding not in same]
+
     def _raised(
         self, subject: Subject, rollout: Rollout, alone: list[tuple[str, Conditions, str]], info: bool
     ) -> Iterator[Finding]:
@@ -408,18 +434,6 @@ class Determinism(Check):
             second=divergence.second,
             **evidence,
         )
-
-
-def _apart(found: Iterable[Finding]) -> list[Finding]:
-    """Findings without the second of one cause: what instances share also outlives the episode."""
-    findings = list(found)
-    paths = [finding.evidence.get("state", {}).get("path", "self.") for finding in findings]
-    shared = {path for finding, path in zip(findings, paths, strict=True) if finding.code == "EC207"}
-    return [
-        finding
-        for finding, path in zip(findings, paths, strict=True)
-        if finding.code != "EC206" or path not in shared or path.startswith("self.")
-    ]
 
 
 @hookimpl

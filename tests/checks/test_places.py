@@ -100,6 +100,12 @@ def test_a_finding_names_the_keys_of_an_observation_that_differ() -> None:
     assert found[0].evidence["second"] == found[0].evidence["first"] + 1
 
 
+def test_what_instances_share_is_reported_as_a_leak_where_its_code_is_ignored() -> None:
+    options: Any = {"contract": "gymnasium", "sandbox": "process", "budget": "quick", "checks": "determinism"}
+    report = envcraft.validate(_TOURIST, ignore="EC207", **options)
+    assert [finding.code for check in report.reports[0].checks for finding in check.findings] == ["EC206"]
+
+
 class Played:
     """A subject whose frames differ at step 2 under a condition, and that affords some steps."""
 
