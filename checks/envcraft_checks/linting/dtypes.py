@@ -89,13 +89,7 @@ class _Dtypes:
         while node is not self._function.node:
             node = self._program.parents[node]
             around.add(node)
-        for each, _ in later:
-            parent = self._program.parents[each]
-            blocks = (getattr(parent, name, None) for name in ("body", "orelse", "finalbody"))
-            block = next((one for one in blocks if isinstance(one, list) and each in one), [])
-            if not around.isdisjoint(block):
-                return True
-        return False
+        return any(not around.isdisjoint(self._program.block(each)) for each, _ in later)
 
     def of(self, node: ast.expr | None) -> str:
         """The dtype of an expression; "" if it is not known."""

@@ -122,12 +122,9 @@ class _Order:
         """The blocks around a statement, innermost first, with its place in each."""
         found = []
         while node is not self.step.node:
-            parent = self.program.parents[node]
-            for name in ("body", "orelse", "finalbody"):
-                block = getattr(parent, name, None)
-                if isinstance(block, list) and node in block:
-                    found.append((block, block.index(node)))
-            node = parent
+            if block := self.program.block(node):
+                found.append((block, next(at for at, each in enumerate(block) if each is node)))
+            node = self.program.parents[node]
         return found
 
     def _read(self, value: ast.AST | None, function: Function, depth: int) -> set[str]:
@@ -201,10 +198,7 @@ class _Order:
     def _beside(self, node: ast.AST) -> list[ast.stmt]:
         """The statements of the branch in which a node stands."""
         node = statement_of(self.program, node)
-        parent = self.program.parents[node]
-        blocks = (getattr(parent, name, None) for name in ("body", "orelse"))
-        inner = not isinstance(parent, ast.FunctionDef)
-        return next((block for block in blocks if inner and isinstance(block, list) and node in block), [])
+        return [] if isinstance(self.program.parents[node], ast.FunctionDef) else self.program.block(node)
 
     def _follows(self, flag: ast.expr, place: ast.stmt, name: str, change: ast.stmt, depth: int) -> bool:
         if not isinstance(flag, ast.Constant):

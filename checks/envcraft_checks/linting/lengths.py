@@ -154,9 +154,7 @@ class Lengths:
         if not counts or not isinstance(node, ast.AugAssign) or self._constant(node.value, method) != 1:
             return ""
         parent = self._program.parents[node]
-        blocks = (getattr(parent, name, None) for name in ("body", "orelse", "finalbody"))
-        block = next((each for each in blocks if isinstance(each, list) and node in each), [])
-        for each in block:
+        for each in self._program.block(node):
             match each:
                 case ast.Expr(value=ast.Call(func=ast.Attribute(value=held, attr=attr))) if attr in _ENDERS:
                     field = method.field(held)

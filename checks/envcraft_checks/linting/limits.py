@@ -296,11 +296,7 @@ def _restarts(program: Program, play: list[Function], name: str) -> Iterator[Sus
 
 def _suite(program: Program, statement: ast.stmt) -> list[ast.stmt]:
     """The statements among which a statement stands, unless they are those of a whole function."""
-    parent = program.parents[statement]
-    if isinstance(parent, ast.FunctionDef):
-        return []
-    suites = (getattr(parent, name, None) for name in ("body", "orelse", "finalbody"))
-    return next((suite for suite in suites if isinstance(suite, list) and statement in suite), [])
+    return [] if isinstance(program.parents[statement], ast.FunctionDef) else program.block(statement)
 
 
 def _paused(program: Program, step: Function, play: list[Function], name: str) -> Iterator[Suspect]:

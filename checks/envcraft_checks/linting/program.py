@@ -264,6 +264,12 @@ class Program:
             return [(value, function) for value in bound] or [(None, function)]
         return [(self.module_values[node.id], None)] if node.id in self.module_values else []
 
+    def block(self, statement: ast.AST) -> list[ast.stmt]:
+        """The statements among which one stands, itself included; none for what is no statement."""
+        parent = self.parents[statement]
+        blocks = (getattr(parent, name, None) for name in ("body", "orelse", "finalbody"))
+        return next((each for each in blocks if isinstance(each, list) and statement in each), [])
+
     def declared_at(self, name: str) -> list[int]:
         """The lines at which the environment gets an attribute: those of a property, else of the nearest class whose
         methods assign it, else of the nearest class whose body does.

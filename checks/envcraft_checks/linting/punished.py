@@ -38,7 +38,7 @@ def punished_successes(program: Program) -> Iterator[Suspect]:
         for node in function.nodes:
             way = next((one for one in _changes(node, function) if one in ways), None)
             # What each step changes is time.
-            if isinstance(node, ast.stmt) and way and (block := _block(program, node)) is not step.node.body:
+            if isinstance(node, ast.stmt) and way and (block := program.block(node)) is not step.node.body:
                 blocks[way, id(block)] = [write for write in writes if write.statement in block]
     for way in ways:
         paid = [found for (one, _), found in blocks.items() if one == way]
@@ -64,7 +64,7 @@ def _constant_part(write: Write, program: Program) -> float:
 def _pays_losing(program: Program, writes: list[Write]) -> bool:
     """Whether a reward is raised where an attribute that stands for losing becomes true."""
     return any(
-        _constant_part(write, program) > 0 and any(_is_loss(each) for each in _block(program, write.statement))
+        _constant_part(write, program) > 0 and any(_is_loss(each) for each in program.block(write.statement))
         for write in writes
     )
 
@@ -124,13 +124,6 @@ def _compared(left: ast.expr, op: ast.cmpop, right: ast.expr, function: Function
                 yield field, "-"
             elif isinstance(op, _UP):
                 yield field, "+"
-
-
-def _block(program: Program, statement: ast.stmt) -> list[ast.stmt]:
-    """The statements among which one stands."""
-    parent = program.parents[statement]
-    blocks = (getattr(parent, name, None) for name in ("body", "orelse", "finalbody"))
-    return next((block for block in blocks if isinstance(block, list) and statement in block), [])
 
 
 def _changes(statement: ast.AST, function: Function) -> Iterator[_Way]:

@@ -194,11 +194,10 @@ class Ranges:
 
     def _settled(self, statement: ast.AST, field: str, method: Function) -> bool:
         """Whether the next statement clips what this statement assigns."""
-        for block in (getattr(self.program.parents[statement], name, ()) for name in ("body", "orelse")):
-            if isinstance(block, list) and statement in block[:-1]:
-                match block[block.index(statement) + 1]:
-                    case ast.Assign(targets=[target], value=value) if method.field(target) == field:
-                        return max(map(abs, self.range(value, method))) < math.inf
+        block = self.program.block(statement)
+        match block[block.index(statement) + 1 :] if isinstance(statement, ast.stmt) and block else []:
+            case [ast.Assign(targets=[target], value=value), *_] if method.field(target) == field:
+                return max(map(abs, self.range(value, method))) < math.inf
         return False
 
     def range(self, node: ast.AST | None, method: Function | None) -> tuple[float, float]:

@@ -59,9 +59,7 @@ def reported_at(program: Program, step: Function, end: ast.Return) -> list[str] 
     info = end.value.elts[-1] if isinstance(end.value, ast.Tuple) and len(end.value.elts) == _FLAGS else None
     if isinstance(info, ast.Name):
         name = info.id
-        parent = program.parents[end]
-        blocks = (getattr(parent, part, None) for part in ("body", "orelse"))
-        block = next((each for each in blocks if isinstance(each, list) and end in each), [end])
+        block = program.block(end)
         before = [one for one in block[: block.index(end)] if any(_is_name(node, name) for node in ast.walk(one))]
         bound = before[-1] if before else None
         info = bound.value if isinstance(bound, ast.Assign) and _is_name(bound.targets[0], name) else None
