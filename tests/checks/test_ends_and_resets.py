@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -81,3 +82,13 @@ def test_resets_without_a_seed_are_compared_with_seeds_on_a_like_instance() -> N
     assert "EC212" not in _found(background=painted, leaf="5")
     fixed = f"{_DRAWN} if seed is not None else 5"
     assert "EC212" in _found(leaf=fixed)
+
+
+@pytest.mark.parametrize("chosen", ["7 if seed is None else seed", "seed or 7"])
+def test_a_seed_that_the_code_chooses_is_seen_where_few_levels_differ(chosen: str) -> None:
+    game = Path(__file__).resolve().parents[1] / "fixtures" / "instawin" / "good" / "sword_duel.py"
+    text = game.read_text().replace("super().reset(seed=seed)", f"super().reset(seed={chosen})")
+    report = envcraft.validate(text, sandbox="process", budget="quick", checks=["determinism"])
+    [finding] = [finding for check in report.reports[0].checks for finding in check.findings]
+    assert finding.code == "EC212"
+    assert "super().reset" in text.splitlines()[finding.line - 1]

@@ -90,6 +90,8 @@ def constant_seed(program: Program) -> Suspect | None:
                     fixed = any(map(_is_number, ast.walk(value)))
                 case ast.BoolOp(op=ast.Or(), values=[ast.Name(id="seed"), value]):
                     fixed = _is_number(value)
+                case ast.IfExp(test=ast.Compare(left=ast.Name(id="seed"), comparators=[ast.Constant(value=None)])):
+                    fixed = _is_number(node.body) or _is_number(node.orelse)
                 case _:
                     continue
             if fixed:
