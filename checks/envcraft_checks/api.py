@@ -270,7 +270,7 @@ class Api(Check):
                 )
             elif promised is not None and space != (expected := read_space(promised)):
                 fits = fitting_contract(description, subject.contract)
-                hint = f"; the environment fits another contract: --contract {fits}" if fits else ""
+                hint = f"; its spaces fit another contract: --contract {fits}" if fits else ""
                 place, *texts = difference(space, expected)
                 words = f"{name}{place} is {texts[0]}, not {texts[1]}{hint}"
                 yield self.finding(code, words, line=line_of_space(subject, name), given=given, fits=fits)

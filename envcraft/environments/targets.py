@@ -88,6 +88,8 @@ def resolve(
         if os.path.splitext(path)[1].lower() in _OTHER:
             raise UsageError(f"{path} is not a Python file; the name of an environment's file ends in .py")
         target = read_target(path, env_class)
+        if not path.endswith(".py") and b"\0" in target.source:
+            raise UsageError(f"{path} is not a Python file, but a binary one; name a file that ends in .py")
         if environments_only and (not _is_environment(target) or _is_base(target)):
             return []
         _require_class(target)

@@ -298,11 +298,13 @@ def test_a_notebook_is_no_file_to_judge(invoke: Invoke, tmp_path: Path) -> None:
     [
         ("walk", "walk does not exist; did you mean walk.py?"),
         ("README.md", "README.md is not a Python file; the name of an environment's file ends in .py"),
+        ("walk.png", "walk.png is not a Python file, but a binary one; name a file that ends in .py"),
         ("CartPole", "CartPole does not exist; did you mean CartPole-v1?"),
     ],
 )
 def test_what_is_no_file_of_python_is_a_sentence(target: str, words: str, invoke: Invoke, good: Path) -> None:
     good.with_name("README.md").write_text("Hello\n")
+    good.with_name("walk.png").write_bytes(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR")
     result = invoke("validate", target)
     assert (result.exit_code, words in result.stderr) == (2, True)
 
