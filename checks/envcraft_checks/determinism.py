@@ -115,7 +115,7 @@ class Determinism(Check):
             "EC206",
             "earlier-episodes",
             "The trace depends on earlier episodes.",
-            "Let reset() set every attribute that step() changes, and draw from self.np_random.",
+            "In reset(), set every attribute that step() changes, to a copy of what is kept; draw from self.np_random.",
             confirmed_by=("EC115",),
         ),
         Rule(

@@ -355,6 +355,33 @@ ONCE = {
             "shown": _OWLS,
         },
     ),
+    "an array of the constructor under another name": (
+        "EC206",
+        {
+            "made": "self.nest = np.array([3, 9])",
+            "reset": "self.owls = self.nest  # here",
+            "step": "self.owls[0] += 1",
+            "shown": _OWLS,
+        },
+    ),
+    "an array of the module under another name": (
+        "EC206",
+        {
+            "top": "NEST = np.array([3, 9])\n",
+            "reset": "self.owls = NEST  # here",
+            "step": "self.owls[0] += 1",
+            "shown": _OWLS,
+        },
+    ),
+    "a list of the module that loses an item": (
+        "EC206",
+        {
+            "top": "NEST = [3, 9, 27, 41] * 50\n",
+            "reset": "self.owls = NEST  # here",
+            "step": "if self.lane % 2:\n    self.owls.pop()",
+            "shown": "frame[20:24, len(self.owls) % 80] = (200, 40, 0)",
+        },
+    ),
     "a variable of a function around another": (
         "EC207",
         {

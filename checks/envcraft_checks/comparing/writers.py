@@ -16,7 +16,7 @@ from envcraft.text import relative
 from envcraft_checks.linting.clock import clocks, readings
 from envcraft_checks.linting.generators import generators, kept_generators, seeded_draws
 from envcraft_checks.linting.leftovers import kept, leftovers, used_fields
-from envcraft_checks.linting.once import closures, constants, iterators, uninitialised
+from envcraft_checks.linting.once import closures, constants, iterators, uncopied, uninitialised
 from envcraft_checks.linting.order import orders, turns
 from envcraft_checks.linting.program import (
     Function,
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 #: Codes of state that outlives an episode or that instances share.
 SHARED = frozenset({"EC206", "EC207"})
 #: What finds the lines that change what is created once.
-_ONCE = (constants, closures, iterators)
+_ONCE = (constants, uncopied, closures, iterators)
 #: What finds the lines that may cause a difference, by its code.
 FINDERS: dict[str, tuple[Callable[[Program], Iterator[Suspect]], ...]] = {
     "EC201": (generators, clocks),
@@ -168,6 +168,8 @@ class Writers:
         if self.code in SHARED:
             # What creates an object once runs in no episode.
             writes = [write for write in writes if write[0] not in self._created]
+            if self.suspects:
+                writes = [write for write in writes if write[0] not in self._constructing]
             # The method of another file may be the one that ran.
             if self._project is not None and path.startswith("self."):
                 writes = [write for write in writes if not lines.isdisjoint(_lines(write[0]))]
@@ -178,6 +180,14 @@ class Writers:
     def _created(self) -> frozenset[ast.AST]:
         """The nodes that bind names of the module and of classes."""
         return frozenset(node for _, _, node in bindings(self._outside))
+
+    @cached_property
+    def _constructing(self) -> frozenset[ast.AST]:
+        """The nodes of the constructor, unless play calls it."""
+        program = self._program
+        methods = program.methods(program.env) if program is not None else []
+        play = program.play if program is not None else []
+        return frozenset(node for one in methods if one.name == "__init__" and one not in play for node in one.nodes)
 
     @cached_property
     def _drawing(self) -> frozenset[ast.AST]:

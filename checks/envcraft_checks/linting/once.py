@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 
-from .program import Function, Program, Suspect, bindings, line, name_of
+from .program import MUTATORS, Function, Program, Suspect, bindings, line, name_of
 
 #: Calls that make an iterator, which only ever goes on.
 _ITERATORS = frozenset({"builtins.iter", "itertools.cycle"})
@@ -29,6 +29,50 @@ def constants(program: Program) -> Iterator[Suspect]:
                         what = f"the items of {name}" if nested else name
                         words = f"writes to {what}, which line {made[name]} creates once for all instances"
                         yield Suspect(line(node), words)
+
+
+def uncopied(program: Program) -> Iterator[Suspect]:
+    """Find where reset() gives an attribute an object that is made once, and that play changes in place."""
+    resetting = [each for each in program.reached("reset") if program.bound_to(each) == program.env]
+    for function in resetting:
+        for target, value, statement in function.bindings:
+            field = function.field(target)
+            if not field or value is None or not _is_made_once(program, value, function, resetting):
+                continue
+            changes = [line(node) for one in program.play for node in one.nodes if _changes(one, node, field)]
+            # The finder above names the writes.
+            known = any(_depth(one, node, field) for one in program.play for node in one.nodes)
+            if changes and not (known and _is_container(program, name_of(value))):
+                words = f"gives self.{field} {ast.unparse(value)} itself, not a copy, and line {changes[0]} changes it"
+                yield Suspect(line(statement), words)
+
+
+def _is_made_once(program: Program, value: ast.expr, function: Function, resetting: list[Function]) -> bool:
+    """Whether an expression is a mutable object that the module, a class or the constructor makes, and no reset."""
+    if isinstance(value, ast.Name) and value.id not in function.local:
+        made = program.module_values.get(value.id)
+        return made is not None and not _is_immutable(made)
+    if not (field := function.field(value)):
+        return False
+    made_by = [(made, one) for made, one in program.field_values(program.env).get(field, []) if one in resetting]
+    values = [made for made, _ in program.values(value, function)]
+    return not made_by and bool(values) and not any(made is not None and _is_immutable(made) for made in values)
+
+
+def _is_immutable(value: ast.expr) -> bool:
+    if isinstance(value, ast.BinOp):
+        return _is_immutable(value.left) and _is_immutable(value.right)
+    return isinstance(value, ast.Constant | ast.Tuple | ast.UnaryOp | ast.JoinedStr | ast.Compare)
+
+
+def _changes(function: Function, node: ast.AST, field: str) -> bool:
+    """Whether a node writes into the object of an attribute."""
+    match node:
+        case ast.Call(func=ast.Attribute(value=value, attr=attr)):
+            return attr in MUTATORS and function.field(value) == field
+        case ast.AugAssign(target=target):
+            return function.field(target) == field or _depth(function, target, field) > 0
+    return _depth(function, node, field) > 0
 
 
 def closures(program: Program) -> Iterator[Suspect]:
