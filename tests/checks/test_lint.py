@@ -46,6 +46,19 @@ GUST = "def more(self): self.x = self.np_random.random()"
             "EC052",
             {"step": "self.x = []\n        for row, name in enumerate({'a', 'b'}):\n            self.x.append(name)"},
         ),
+        ("EC052", {"step": "self.x = dict(zip({'a', 'b'}, (1, 2)))['a']"}),
+        (
+            "EC052",
+            {"step": "self.x = {}\n        for name, row in zip({'a', 'b'}, (1, 2)):\n            self.x[name] = row"},
+        ),
+        (
+            "EC052",
+            {"step": "self.x = {}\n        for row, name in enumerate({'a', 'b'}):\n            self.x[name] = row"},
+        ),
+        (
+            "EC052",
+            {"step": "self.x, rows = {}, [1, 2]\n        for one in {'a', 'b'}:\n            self.x[one] = rows.pop()"},
+        ),
         ("EC053", {"step": "self.shared.append(1)"}),
         ("EC053", {"step": "type(self).seen = 1", "ended": "self.seen > 9", "more": "seen = 0"}),
         (
@@ -118,6 +131,9 @@ def test_each_rule_reads_what_play_may_never_reach(code: str, parts: dict[str, s
         # Only the number of its items matters.
         {"step": "self.x = []\n        for row, _ in enumerate({'a', 'b'}):\n            self.x.append(row)"},
         {"step": "self.x = [(row, self.np_random.random()) for row, _ in enumerate({'a', 'b'})]"},
+        {"step": "self.x = {}\n        for row, name in enumerate({'a', 'b'}):\n            self.x[name] = 1"},
+        {"step": "self.x = {'a': 1}\n        for name in {'a', 'b'}:\n            self.x.pop(name, None)"},
+        {"step": "self.x = dict(zip({'a', 'b'}, itertools.repeat(1)))['a']"},
         {"step": "self.x = [self.np_random.random() for _ in {'a', 'b'}]"},
         {"step": "self.x = 0\n        for _ in {'a', 'b'}:\n            self.x += int(self.np_random.integers(9))"},
         {"reset": "self.shared = []", "step": "self.shared.append(1)"},

@@ -252,6 +252,9 @@ def _ordered(program: Program, function: Function | None, node: ast.AST) -> bool
             return isinstance(whole, ast.ListComp | ast.GeneratorExp) and _matters(program, function, whole)
         case ast.Call(func=ast.Name(id="list" | "tuple" | "iter" | "enumerate")):
             return node in parent.args and _matters(program, function, parent)
+        case ast.Call(func=ast.Name(id="zip"), args=args):
+            # Each item belongs to the one at the same place of another iterable.
+            return node in args and any(name_of(one) != "repeat" for one in args if one is not node)
         case ast.Call(func=ast.Attribute(attr="choice" | "shuffle" | "join" | "sample")):
             return node in parent.args
         case ast.Attribute(attr="pop") if isinstance(program.parents[parent], ast.Call):
@@ -285,11 +288,25 @@ def _matters(program: Program, function: Function | None, node: ast.AST) -> bool
 def _order_of_turns(loop: ast.For) -> bool:
     if not _uses_items(loop, loop.body):
         return False
+    if _numbers(loop):
+        return True
     for node in (inner for statement in loop.body for inner in ast.walk(statement)):
         if isinstance(node, ast.Break | ast.Return | ast.Yield):
             return True
         if _draws(node) or (isinstance(node, ast.Call) and name_of(node) in _ORDERED):
             return True
+        if isinstance(node, ast.Call) and not node.args and name_of(node) in ("pop", "popleft"):
+            # Each turn takes the next item of another collection.
+            return True
+    return False
+
+
+def _numbers(loop: ast.For) -> bool:
+    """Whether a loop numbers its turns and uses the numbers."""
+    match loop:
+        case ast.For(iter=ast.Call(func=ast.Name(id="enumerate")), target=ast.Tuple(elts=[ast.Name(id=number), _])):
+            read = (one for part in loop.body for one in ast.walk(part) if isinstance(one, ast.Name))
+            return any(one.id == number and isinstance(one.ctx, ast.Load) for one in read)
     return False
 
 
