@@ -18,6 +18,7 @@ from envcraft.judging.selection import driver_named, select_checks
 from envcraft.model.contract import Contract
 from envcraft.model.project import with_project
 from envcraft.model.target import Target
+from envcraft.model.verdict import Finding
 from evaluation.judge import judge_plans
 
 GAME = """
@@ -276,6 +277,20 @@ def test_the_line_of_a_space_of_another_contract(text: str, observation: str, ac
 _RENDERED = GAME.replace("    def __init__(self):", "    def render(self):\n        pass\n\n    def __init__(self):")
 
 
+def _only(text: str, code: str) -> Finding:
+    """The only finding with a code that the first two checks report under the contract gymnasium."""
+    plan = Plan(
+        [Target("game.py", text.encode())],
+        GYMNASIUM,
+        driver_named("process"),
+        select_checks("source,api", None),
+        BUDGETS["quick"],
+    )
+    [[_, report]] = judge_plans([plan])
+    [found] = [finding for check in report.checks for finding in check.findings if finding.code == code]
+    return found
+
+
 @pytest.mark.parametrize(
     ("metadata", "named", "words"),
     [
@@ -297,15 +312,7 @@ _RENDERED = GAME.replace("    def __init__(self):", "    def render(self):\n    
 )
 def test_a_finding_about_metadata_has_its_line(metadata: str, named: str, words: str) -> None:
     text = _RENDERED.replace("    observation_space", f"    {metadata}\n    observation_space", 1)
-    plan = Plan(
-        [Target("game.py", text.encode())],
-        GYMNASIUM,
-        driver_named("process"),
-        select_checks("source,api", None),
-        BUDGETS["quick"],
-    )
-    [[_, report]] = judge_plans([plan])
-    [found] = [finding for check in report.checks for finding in check.findings if finding.code == "EC116"]
+    found = _only(text, "EC116")
     assert words in found.message
     assert text.splitlines()[(found.line or 0) - 1].strip().startswith(named)
     assert "rgb_array" not in Api().rule("EC116").fix
@@ -313,15 +320,7 @@ def test_a_finding_about_metadata_has_its_line(metadata: str, named: str, words:
 
 def test_a_misspelt_space_is_named() -> None:
     text = GAME.replace("observation_space", "obervation_space")
-    plan = Plan(
-        [Target("game.py", text.encode())],
-        GYMNASIUM,
-        driver_named("process"),
-        select_checks("source,api", None),
-        BUDGETS["quick"],
-    )
-    [[_, report]] = judge_plans([plan])
-    [found] = [finding for check in report.checks for finding in check.findings if finding.code == "EC101"]
+    found = _only(text, "EC101")
     assert found.message == "Game has no observation_space, but obervation_space; correct this name"
     assert "obervation_space =" in text.splitlines()[(found.line or 0) - 1]
 
