@@ -127,13 +127,17 @@ class Type(IntEnum):
     NONE = 6
     STR = 7
     ARRAY = 8
-    OTHER = 9
+    LIST = 9
+    TUPLE = 10
+    DICT = 11
+    OTHER = 12
 
     @property
     def words(self) -> str:
         return {
             0: "bool", 1: "numpy.bool", 2: "int", 3: "numpy integer", 4: "float",
-            5: "numpy floating", 6: "None", 7: "str", 8: "numpy.ndarray", 9: "another type",
+            5: "numpy floating", 6: "None", 7: "str", 8: "numpy.ndarray", 9: "list", 10: "tuple", 11: "dict",
+            12: "another type",
         }[int(self)]  # fmt: skip
 
 

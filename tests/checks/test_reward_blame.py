@@ -617,3 +617,15 @@ def test_a_reward_of_two_zeros_has_the_line_of_step(tmp_path: Path) -> None:
 )
 def test_the_kind_of_a_reward_is_written_with_its_article(kind: str, words: str) -> None:
     assert _kind(kind) == words
+
+
+@pytest.mark.parametrize(
+    ("reward", "words"),
+    [("[1.0]", "a list"), ("(1.0, 0)", "a tuple"), ("{}", "a dict"), ("object()", "of another type")],
+)
+def test_a_reward_in_a_container_is_named_by_its_type(reward: str, words: str, tmp_path: Path) -> None:
+    file = tmp_path / "lane.py"
+    file.write_text(_game(f"reward = {reward}"))
+    report = envcraft.validate(file, sandbox="process", budget="quick", checks="reward", env_class="Lane")
+    [found] = [finding for check in report.reports[0].checks for finding in check.findings if finding.code == "EC302"]
+    assert f" is {words}, not a number " in found.message

@@ -528,4 +528,5 @@ def _type(value: Any) -> Type:
         return Type.STR
     if isinstance(value, np.ndarray):
         return Type.ARRAY
-    return Type.OTHER
+    containers = ((list, Type.LIST), (tuple, Type.TUPLE), (dict, Type.DICT))
+    return next((kind for container, kind in containers if isinstance(value, container)), Type.OTHER)
