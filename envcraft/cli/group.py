@@ -14,6 +14,7 @@ from typing import Any
 import click
 
 from envcraft.cli.configured import TURNED_OFF
+from envcraft.cli.meant import with_the_option_meant
 from envcraft.cli.numbers import explained
 from envcraft.cli.signals import exit_statuses, is_full
 from envcraft.errors import EnvCraftError, ExitCode, UsageError
@@ -64,6 +65,8 @@ class PluginGroup(click.Group):
             click.echo(f"Error: {' '.join(error.in_a_command.split())}", err=True)
             # A full disk is no usage error, whichever file could not be written.
             ctx.exit(ExitCode.ERROR if error.__context__ and is_full(error.__context__) else error.exit_code)
+        except click.NoSuchOption as error:
+            raise with_the_option_meant(error) from None
         except click.BadParameter as error:
             if (words := explained(error)) == error.message:
                 raise
