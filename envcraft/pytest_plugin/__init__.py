@@ -134,6 +134,22 @@ def pytest_addoption(parser: pytest.Parser) -> None:
             parser.addini(f"envcraft_{name}", text, "string", default=None)
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_load_initial_conftests(parser: pytest.Parser, args: list[str]) -> Generator[None]:
+    """Suggest an option for a misspelt one. pytest's own error, which comes later, suggests none."""
+    yield
+    if not any(arg.startswith("--envcraft-") for arg in args):
+        return
+    # A conftest.py, loaded by now, may have added an option of this kind.
+    for arg in parser.parse_known_and_unknown_args(args)[1]:
+        if arg.startswith("--envcraft-"):
+            from envcraft.registry import did_you_mean
+
+            known = [f"--envcraft-{name.replace('_', '-')}" for name in SETTINGS]
+            words = did_you_mean(arg.partition("=")[0], known)
+            raise pytest.UsageError(f"there is no option {words} All other settings are set in [tool.envcraft]")
+
+
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", _MARKER)
     if config.getoption("envcraft"):

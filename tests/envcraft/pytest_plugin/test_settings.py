@@ -223,3 +223,19 @@ def test_a_setting_of_a_command_is_ignored(pytester: pytest.Pytester, walk: Path
     pytester.makepyprojecttoml('[tool.envcraft]\nexecutor = "local"\nseed = 3\n')
     run("games")
     assert canned.plans[-1].seed == 3
+
+
+@pytest.mark.parametrize(
+    ("option", "meant"), [("--envcraft-budgt", "budget"), ("--envcraft-contrat=arcade", "contract")]
+)
+def test_a_misspelt_option_has_a_suggestion(option: str, meant: str, run: Run, canned: Canned) -> None:
+    result = run(option)
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    name = option.partition("=")[0]
+    result.stderr.fnmatch_lines(f"ERROR: there is no option '{name}'; did you mean --envcraft-{meant}[?] All other*")
+
+
+def test_an_option_of_a_conftest_may_have_the_same_prefix(pytester: pytest.Pytester, run: Run) -> None:
+    pytester.makeconftest("def pytest_addoption(parser):\n    parser.addoption('--envcraft-levels')\n")
+    pytester.makepyfile("def test(pytestconfig):\n    assert pytestconfig.getoption('envcraft_levels') == '3'\n")
+    run("--envcraft-levels", "3").assert_outcomes(passed=1)
