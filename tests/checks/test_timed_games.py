@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -40,3 +41,26 @@ def test_a_game_that_reads_the_clock_is_not_called_easy(check: str) -> None:
     assert not timed.findings
     assert timed.undecided
     assert "line 13 reads the clock" in timed.reason
+
+
+@pytest.mark.parametrize("check", ["instawin", "difficulty"])
+@pytest.mark.parametrize(
+    ("helper", "undecided"),
+    [
+        ("def now():\n    return time.time()\n", True),
+        ("def now():\n    return 100 if time.time() < 9 else 101\n", True),
+        # A file that only measures how long it takes decides nothing.
+        ("def now():\n    start = time.time()\n    print(time.time() - start)\n    return 100\n", False),
+    ],
+)
+def test_a_clock_in_a_helper_file_counts_where_play_uses_it(
+    check: str, helper: str, undecided: bool, tmp_path: Path
+) -> None:
+    (tmp_path / "helper.py").write_text(f"import time\n\n\n{helper}")
+    file = tmp_path / "dodge.py"
+    file.write_text(ROCKS.replace("import time", "from helper import now").replace("MOMENT", "now() < 100"))
+    options: Any = {"contract": "gymnasium", "sandbox": "process", "budget": "quick", "checks": check}
+    [judged] = [each for each in envcraft.validate(file, **options).reports[0].checks if each.check == check]
+    assert judged.undecided == undecided
+    assert bool(judged.findings) != undecided
+    assert not undecided or "helper.py line" in judged.reason

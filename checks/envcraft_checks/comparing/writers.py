@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import contextlib
 import itertools
 import os
 import re
@@ -20,12 +19,11 @@ from envcraft_checks.linting.once import closures, constants, iterators, uncopie
 from envcraft_checks.linting.order import orders, turns
 from envcraft_checks.linting.program import (
     Function,
-    Helpers,
     Program,
     Suspect,
     bindings,
+    helpers,
     line,
-    mentions,
     name_of,
     root,
 )
@@ -110,13 +108,13 @@ class Writers:
         """
         if self.code not in SHARED or self._program is None or self._project is None or self._writes(path):
             return
-        for file, helpers in _helpers(self._program, self._project):
+        for file, helper in helpers(self._program, self._project):
             if inside := _inside(file, _plain(path)):
                 name = re.split(r"[\[(]", inside)[0]
                 words = f"changes {name}, which all episodes and instances share"
                 found = [
                     Suspect(line(node), words)
-                    for function in helpers.all
+                    for function in helper.all
                     for target, node in _targets(function)
                     if _names(target, _last(inside), function, inside)
                 ]
@@ -327,23 +325,12 @@ class Writers:
         return found
 
 
-def _helpers(program: Program, project: Project) -> Iterator[tuple[str, Helpers]]:
-    """The other files of a project that can be read, by path."""
-    trees: dict[str, ast.Module] = {}
-    for path, data in sorted(project.files.items()):
-        if path.endswith(".py"):
-            with contextlib.suppress(SyntaxError, ValueError, RecursionError, MemoryError):
-                trees[path] = parse(data)
-    mentioned = set().union(*map(mentions, (program.tree, *trees.values())))
-    yield from ((path, Helpers(tree, mentioned)) for path, tree in trees.items())
-
-
 def _elsewhere(
     program: Program, project: Project, finders: Iterable[Callable[[Program], Iterator[Suspect]]]
 ) -> tuple[str, list[Suspect]] | None:
     """The first file of a project in which some finders find places, and these."""
-    for path, helpers in _helpers(program, project):
-        if found := list(dict.fromkeys(one for find in finders for one in find(helpers))):
+    for path, helper in helpers(program, project):
+        if found := list(dict.fromkeys(one for find in finders for one in find(helper))):
             return relative(os.path.join(project.root, path)), found
     return None
 

@@ -8,9 +8,10 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from envcraft.errors import Undecided
+from envcraft.text import one_line
 
 from .flow import Flow
-from .program import Function, Program, Suspect, in_words, line, program_of
+from .program import Function, Program, Suspect, helpers, in_words, line, name_of, program_of
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -43,8 +44,33 @@ def timed(subject: Subject) -> None:
         Undecided: what play comes to depends on the speed of the machine.
     """
     program = program_of(subject)
-    if program is not None and (found := next(clocks(program), None)) is not None:
-        raise Undecided(f"how often play wins depends on the speed of the machine: {in_words([found])[0]}")
+    if program is None:
+        return
+    words = next((in_words([found])[0] for found in clocks(program)), "")
+    if not words and (project := subject.target.project) is not None:
+        files = helpers(program, project)
+        found_in = (
+            (path, each) for path, helper in files for each in itertools.chain(clocks(helper), _told(program, helper))
+        )
+        words = next((f"in {one_line(path)} {in_words([each])[0]}" for path, each in found_in), "")
+    if words:
+        raise Undecided(f"how often play wins depends on the speed of the machine: {words}")
+
+
+def _told(program: Program, helper: Program) -> Iterator[Suspect]:
+    """Find readings of the clock in a helper file that its functions return to play, which uses them."""
+    for read in itertools.islice(_readings(helper), _READINGS):
+        names = {function.name for function in Flow(helper, helper.play, read).results}
+        calls = (
+            node
+            for function in program.play
+            for node in function.nodes
+            if isinstance(node, ast.Call) and name_of(node) in names and program.called(node, function) is None
+        )
+        for call in itertools.islice(calls, _READINGS):
+            if (used := next(Flow(program, program.play, call).uses(), None)) is not None:
+                where = f"line {line(used)} of the environment uses it: {ast.unparse(used)[:60]}"
+                yield Suspect(line(read), f"reads the clock, {ast.unparse(read)[:40]}, and {where}")
 
 
 def readings(program: Program) -> Iterator[Suspect]:

@@ -25,6 +25,9 @@ class Flow:
         program: the file.
         functions: what runs.
         source: the node.
+
+    Attributes:
+        results: the functions that return such a value.
     """
 
     def __init__(self, program: Program, functions: list[Function], source: ast.AST) -> None:
@@ -33,7 +36,7 @@ class Flow:
         self._source = source
         self._fields: set[tuple[str, str]] = set()
         self._names: dict[Function, set[str]] = defaultdict(set)
-        self._results: set[Function] = set()
+        self.results: set[Function] = set()
         for _ in range(_ROUNDS):
             size = self._size()
             for function in functions:
@@ -66,11 +69,11 @@ class Flow:
         if isinstance(node, ast.Name):
             return node.id in self._names[function]
         if isinstance(node, ast.Call) and (called := self.program.called(node, function)):
-            return called in self._results
+            return called in self.results
         return bool(field := function.field(node)) and (self.program.bound_to(function), field) in self._fields
 
     def _size(self) -> int:
-        return len(self._fields) + len(self._results) + sum(map(len, self._names.values()))
+        return len(self._fields) + len(self.results) + sum(map(len, self._names.values()))
 
     def _spread(self, function: Function) -> None:
         for target, value, _ in function.bindings:
@@ -85,7 +88,7 @@ class Flow:
                 case ast.Return(value=value) if function.name not in ("step", "reset") and self.reaches(
                     value, function
                 ):
-                    self._results.add(function)
+                    self.results.add(function)
                 case ast.Call():
                     self._pass_on(node, function)
 

@@ -6,6 +6,7 @@ Nothing is executed. Only this file is known: a method that the environment inhe
 from __future__ import annotations
 
 import ast
+import contextlib
 from collections.abc import Iterable, Iterator
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
@@ -14,6 +15,7 @@ from envcraft.model.target import Kind, nodes, parse
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
+    from envcraft.model.target import Project
 
 #: Methods that change a list, a dict, a set, a deque or an array in place.
 MUTATORS = frozenset({
@@ -375,6 +377,17 @@ def mentions(tree: ast.Module) -> set[str]:
     read = {node.id for node in nodes(tree) if isinstance(node, ast.Name)}
     read |= {node.attr for node in nodes(tree) if isinstance(node, ast.Attribute)}
     return read | {"reset", "step", "render", "__init__", "__call__"}
+
+
+def helpers(program: Program, project: Project) -> Iterator[tuple[str, Helpers]]:
+    """The other files of a project that can be read, by path."""
+    trees: dict[str, ast.Module] = {}
+    for path, data in sorted(project.files.items()):
+        if path.endswith(".py"):
+            with contextlib.suppress(SyntaxError, ValueError, RecursionError, MemoryError):
+                trees[path] = parse(data)
+    mentioned = set().union(*map(mentions, (program.tree, *trees.values())))
+    yield from ((path, Helpers(tree, mentioned)) for path, tree in trees.items())
 
 
 def program_of(subject: Subject) -> Program | None:
