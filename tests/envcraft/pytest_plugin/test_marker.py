@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+import envcraft.pytest_plugin
 from envcraft.model.verdict import Verdict
 from tests.envcraft.pytest_plugin.stand_in import Canned, failing, outcomes
 
@@ -193,6 +194,18 @@ def test_the_fixture_judges_and_asserts(
     # What was asked for twice ran once.
     assert [plan.seed for plan in canned.plans] == [0, 3, 0, 4]
     result.stdout.fnmatch_lines(["envcraft: 1 environment: 0 passed, 1 failed, 0 undecided; process isolation*"])
+
+
+def test_the_documented_example_shows_the_findings(pytester: pytest.Pytester, walk: Path, canned: Canned) -> None:
+    canned.set("api", Verdict.FAIL, failing("EC107", "step() raises", 9))
+    walk.with_name("snake.py").write_text(walk.read_text().replace("class Walk", "class Snake"))
+    pytester.syspathinsert("games")
+    section = str(envcraft.pytest_plugin.__doc__).partition("## The fixture")[2]
+    example = section.partition("```python\n")[2].partition("```")[0]
+    pytester.makepyfile(test_it=f"from snake import Snake\n{example}")
+    result = pytester.runpytest_inprocess("-p", "no:cacheprovider")
+    result.assert_outcomes(failed=2)
+    result.stdout.fnmatch_lines(["*_ test_snake _*", "EC107 *", "*_ test_only_what_is_known _*", "E *'EC107'*"])
 
 
 @pytest.mark.parametrize("options", [(), ("-n1",)], ids=" ".join)
