@@ -205,6 +205,10 @@ class Determinism(Check):
         same = self._same.pop(subject, [])
         # The author may ignore EC207.
         shown = any(finding.code == "EC207" for report in reports for finding in [*report.findings, *report.known])
+        if shown and subject.ignore_comments is not None:
+            for finding in same:
+                # The comment that ignores EC206 is not unused.
+                subject.ignore_comments.take(finding)
         return [] if shown else same
 
     def judge(self, subject: Subject) -> Iterator[Finding]:

@@ -89,7 +89,10 @@ class Check(ABC):
         return ()
 
     def conclude(self, subject: Subject, reports: Sequence[CheckReport]) -> Iterable[Finding]:
-        """Yield findings that only the reports of all checks of a subject show. By default there are none."""
+        """Yield findings that only the reports of all checks of a subject show. By default there are none.
+
+        The last check concludes first.
+        """
         return ()
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:

@@ -462,7 +462,8 @@ def _stops(check: Check, report: CheckReport) -> bool:
 
 def _conclude(plan: Plan, subject: Subject, reports: list[CheckReport]) -> None:
     """Add the findings that only all reports together show."""
-    for check, report in zip(plan.checks, reports, strict=True):
+    # The check source, which stands first, knows only after all others which comments ignore nothing.
+    for check, report in reversed([*zip(plan.checks, reports, strict=True)]):
         try:
             for finding in check.conclude(subject, reports):
                 _take(report, check, subject, finding, plan.severity)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -104,6 +105,21 @@ def test_what_instances_share_is_reported_as_a_leak_where_its_code_is_ignored() 
     options: Any = {"contract": "gymnasium", "sandbox": "process", "budget": "quick", "checks": "determinism"}
     report = envcraft.validate(_TOURIST, ignore="EC207", **options)
     assert [finding.code for check in report.reports[0].checks for finding in check.findings] == ["EC206"]
+
+
+@pytest.mark.parametrize(
+    ("ignored", "severity"), [("EC206, EC207", ""), ("EC206", '[tool.envcraft.severity]\nEC207 = "warning"\n')]
+)
+def test_a_comment_about_a_leak_is_used_where_the_same_cause_has_another_code(
+    ignored: str, severity: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("pyproject.toml").write_text(severity)
+    Path("tourist.py").write_text(f"# envcraft: ignore-file[{ignored}] all see the visits\n{_TOURIST}")
+    # The budget is standard: a smaller one says of no comment that it is unused.
+    report = envcraft.validate("tourist.py", contract="gymnasium", sandbox="process", checks="determinism")
+    found = [finding.code for check in report.reports[0].checks for finding in check.findings]
+    assert (report.outcome, found) == ("pass", ["EC207"] if severity else [])
 
 
 class Played:
