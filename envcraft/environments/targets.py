@@ -121,9 +121,11 @@ def _absent(path: str) -> str:
         return "the target is empty; give a Python file, a folder, package.module:Class or an id like CartPole-v1"
     if os.path.isfile(f"{path}.py"):
         return f"{path} does not exist; did you mean {path}.py?"
-    file = Path(*path.split(".")).with_suffix(".py")
-    if "." in path and (file.is_file() or file.with_suffix("").joinpath("__init__.py").is_file()):
-        return f"{path} is a module; name its class too: {path}:CLASS"
+    if "." in path and (file := _file_of(path)) is not None:
+        classes = defined_classes(read_target(os.fspath(file)).source)
+        return f"{path} is a module; name its class too: {path}:{classes[0] if len(classes) == 1 else 'CLASS'}"
+    if "." in path and (words := _named_by_its_file(path)):
+        return words
     if path.isidentifier() and (newest := _newest(path)) is not None:
         return f"{path} does not exist; did you mean {newest}?"
     module, _, name = path.rpartition(".")
@@ -132,6 +134,33 @@ def _absent(path: str) -> str:
     return (
         f"{path} does not exist; give a Python file, a folder with some, package.module:Class or an id like CartPole-v1"
     )
+
+
+def _file_of(module: str) -> Path | None:
+    """The file of a module of the project or an installed one, which is not imported; None if there is none."""
+    from importlib.machinery import PathFinder
+
+    here = Path.cwd()
+    for folder in (here, *import_folders(here), project_folder(here) or here):
+        if (found := Place(folder, module).find(folder / module, module)) is not None:
+            return found
+    origin, path = None, list(sys.path)
+    for part in module.split("."):
+        spec = PathFinder.find_spec(part, path) if part else None
+        if spec is None:
+            return None
+        origin, path = spec.origin, list(spec.submodule_search_locations or ())
+    return Path(origin) if origin and origin.endswith(".py") else None
+
+
+def _named_by_its_file(module: str, env_class: str = "") -> str:
+    """Say which file has the name of a module, in a folder that imports do not start from; "" if there is none."""
+    here = Path.cwd()
+    for folder in (here / "src", *here.parents):
+        if (found := Place(folder, module).find(folder / module, module)) is not None:
+            option = f" --class {env_class}" if env_class else ""
+            return f"{module} cannot be imported from this folder; name its file: {os.path.relpath(found)}{option}"
+    return ""
 
 
 def _newest(name: str) -> str | None:
@@ -242,6 +271,9 @@ def _module(name: str) -> Target:
     else:
         for folder in (here, *others):
             _require_module(folder, module)
+        words = _named_by_its_file(module, env_class)
+        if words and not _is_installed(module.partition(".")[0], here):
+            raise UsageError(words)
     return Target(name, kind=Kind.MODULE)
 
 

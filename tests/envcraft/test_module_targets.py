@@ -140,7 +140,12 @@ def test_a_class_is_judged_from_the_folder_that_it_was_imported_from(
     ("target", "words"),
     [
         ("pkg/walk:Walk", "did you mean pkg.walk:Walk?"),
-        ("pkg.walk", "pkg.walk is a module; name its class too: pkg.walk:CLASS"),
+        ("pkg.walk", "pkg.walk is a module; name its class too: pkg.walk:Walk"),
+        (
+            "gymnasium.envs.toy_text",
+            "gymnasium.envs.toy_text is a module; name its class too: gymnasium.envs.toy_text:",
+        ),
+        ("zz_pkg.walk.py", "zz_pkg.walk.py does not exist; give a Python file"),
     ],
 )
 def test_a_module_that_is_written_otherwise_is_suggested(
@@ -152,6 +157,30 @@ def test_a_module_that_is_written_otherwise_is_suggested(
     with pytest.raises(UsageError) as raised:
         list(resolve(target))
     assert words in str(raised.value)
+
+
+def test_a_module_below_src_is_suggested_with_its_class(good: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (good.parent / "src" / "pkg").mkdir(parents=True)
+    (good.parent / "pyproject.toml").touch()
+    good.rename(good.parent / "src" / "pkg" / "walk.py")
+    for folder in (good.parent, good.parent / "src" / "pkg"):
+        monkeypatch.chdir(folder)
+        with pytest.raises(UsageError, match=r"pkg.walk is a module; name its class too: pkg.walk:Walk"):
+            resolve("pkg.walk")
+
+
+@pytest.mark.parametrize(("folder", "file"), [("top", "src/pkg/walk.py"), ("top/src/pkg", "walk.py")])
+@pytest.mark.parametrize(("target", "option"), [("pkg.walk:Walk", " --class Walk"), ("pkg.walk", "")])
+def test_a_module_that_cannot_be_imported_here_is_named_by_its_file(
+    folder: str, file: str, target: str, option: str, invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (good.parent / "top" / "src" / "pkg").mkdir(parents=True)
+    good.rename(good.parent / "top" / "src" / "pkg" / "walk.py")
+    monkeypatch.chdir(good.parent / folder)
+    result = invoke("validate", target)
+    words = f"pkg.walk cannot be imported from this folder; name its file: {file}{option}"
+    assert (result.exit_code, result.stderr) == (2, f"Error: {words}\n")
+    assert len(resolve(file, option.removeprefix(" --class ") or None)) == 1
 
 
 def test_an_installed_package_wins_over_a_folder_of_its_name(good: Path, monkeypatch: pytest.MonkeyPatch) -> None:
