@@ -71,6 +71,8 @@ from envcraft_checks.comparing.causes import REPEATS, TELEMETRY, Cause
 from envcraft_checks.comparing.states import first_field, in_words
 from envcraft_checks.comparing.traces import diverge, interrupted
 from envcraft_checks.comparing.writers import SHARED, Writers
+from envcraft_checks.linting.order import addresses
+from envcraft_checks.linting.program import program_of
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -78,6 +80,8 @@ if TYPE_CHECKING:
 
 #: Codes after which the comparison goes on without their cause.
 _WARNINGS = {*TELEMETRY.values(), "EC218"}
+#: Layouts of memory that are tried, and how many if the code uses addresses, which a few layouts may leave equal.
+_LAYOUTS, _MORE_LAYOUTS = 3, 9
 #: Repetitions of a condition. At least one of them must differ again.
 _CONFIRMED = 3
 
@@ -90,7 +94,7 @@ class Determinism(Check):
             "EC201",
             "run-again",
             "The same seed gives another trace when it is run again.",
-            "Draw from self.np_random only, seeded by super().reset(seed=seed).",
+            "Draw from self.np_random only, seeded by super().reset(seed=seed); do not depend on id().",
         ),
         Rule(
             "EC202",
@@ -102,7 +106,7 @@ class Determinism(Check):
             "EC203",
             "hash-seed",
             "The trace depends on PYTHONHASHSEED.",
-            "Sort sets of strings before iterating over them.",
+            "Sort a set of strings before using its order; in place of hash(), use a number that each object keeps.",
         ),
         Rule(
             "EC204",
@@ -338,7 +342,9 @@ class Determinism(Check):
             # Whichever condition causes it, the difference shows in these steps.
             rollout = rollout.cut(found.step)
             base = subject.rollout(rollout, alone=True)
-        for heap in range(1, 4):
+        program = program_of(subject)
+        layouts = _MORE_LAYOUTS if program is not None and any(addresses(program)) else _LAYOUTS
+        for heap in range(1, 1 + layouts):
             fresh = Conditions(fresh=True, heap=heap)
             if (again := diverge(base, subject.rerun(rollout.under(fresh)), info)) is not None:
                 yield self._found(subject, rollout, Cause("EC202", fresh, again))

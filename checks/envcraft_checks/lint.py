@@ -153,7 +153,7 @@ class Lint(Check):
             "EC052",
             "hash-order",
             "The code uses an order or a number that depends on hashes or addresses.",
-            "Sort the set before using its order, or keep a list.",
+            "Sort a set before using its order; in place of id() or hash(), use a number that each object keeps.",
             confirmed_by=("EC201", "EC202", "EC203"),
         ),
         Rule(

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import ast
+from pathlib import Path
 from typing import Any
 
 import pytest
-from envcraft_checks.linting.order import orders, turns
+from envcraft_checks.linting.order import addresses, orders, turns
 from envcraft_checks.linting.program import Program
 
 import envcraft
 
+FIXTURES = Path(__file__).resolve().parents[1] / "fixtures"
 GAME = """
 import enum
 import gymnasium as gym
@@ -104,3 +106,28 @@ def test_a_loop_whose_last_turn_counts_has_the_line_of_the_finding(look: str) ->
     line = next(number for number, text in enumerate(source.splitlines(), 1) if text.endswith("# here"))
     assert finding.line == line, finding.message
     assert f"line {line} may use the order of a set of strings: self.words" in finding.message
+
+
+@pytest.mark.parametrize(
+    ("look", "words"),
+    [
+        ("last = id(self.words) // 16 % 60", "calculates with an address in memory: id(self.words)"),
+        ("last = sorted([self.seen, self.words], key=id).index(self.seen)", "sorts by id()"),
+        ("last = hash('up') % 60", ""),
+        ("last = len(sorted(self.words, key=hash))", ""),
+    ],
+)
+def test_what_uses_an_address(look: str, words: str) -> None:
+    found = list(addresses(Program(ast.parse(_game(look)), "Words")))
+    assert [suspect.words for suspect in found] == [words] * bool(words)
+    assert all(suspect in orders(Program(ast.parse(_game(look)), "Words")) for suspect in found)
+
+
+def test_an_address_that_few_layouts_of_memory_change_is_named() -> None:
+    text = (FIXTURES / "termination" / "good" / "short_rounds.py").read_text()
+    drawn = "a, b = object(), object()\n        self.hammer = int(id(a) % 64 < 32)\n        self.kept = a, b\n"
+    text = text.replace("self.hammer = 0\n", drawn)
+    report = envcraft.validate(text, sandbox="process", checks="determinism").reports[0]
+    [found] = [finding for check in report.checks for finding in check.findings]
+    assert found.code == "EC202"
+    assert "calculates with an address in memory: id(a)" in found.message

@@ -16,7 +16,7 @@ from envcraft_checks.linting.clock import clocks, readings
 from envcraft_checks.linting.generators import generators, kept_generators, seeded_draws
 from envcraft_checks.linting.leftovers import kept, leftovers, used_fields
 from envcraft_checks.linting.once import closures, constants, iterators, uncopied, uninitialised
-from envcraft_checks.linting.order import orders, turns
+from envcraft_checks.linting.order import addresses, orders, turns
 from envcraft_checks.linting.program import (
     Function,
     Program,
@@ -50,7 +50,7 @@ FINDERS: dict[str, tuple[Callable[[Program], Iterator[Suspect]], ...]] = {
 }
 #: What finds the lines where those above find none.
 _LAST: dict[str, tuple[Callable[[Program], Iterator[Suspect]], ...]] = {
-    "EC201": (uninitialised,),
+    "EC201": (uninitialised, addresses),
     "EC202": (
         uninitialised,
         partial(turns, kinds=("objects",)),

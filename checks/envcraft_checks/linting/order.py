@@ -47,14 +47,26 @@ def orders(program: Program) -> Iterator[Suspect]:
                 name = program.path(node.func, function)
                 if name == "builtins.hash" and (kind := sets.element(node.args[0], function)):
                     yield Suspect(line(node), f"uses the hash of {kind} as a number: {ast.unparse(node)[:40]}")
-                elif name == "builtins.id" and isinstance(program.parents[node], ast.BinOp):
-                    yield Suspect(line(node), f"calculates with an address in memory: {ast.unparse(node)[:40]}")
             elif (
                 isinstance(node, ast.keyword)
                 and node.arg == "key"
-                and program.path(node.value, function) in ("builtins.id", "builtins.hash")
+                and program.path(node.value, function) == "builtins.hash"
             ):
-                yield Suspect(line(node.value), f"sorts by {name_of(node.value)}()")
+                yield Suspect(line(node.value), "sorts by hash()")
+    yield from addresses(program)
+
+
+def addresses(program: Program) -> Iterator[Suspect]:
+    """Find uses of id() as a number or an order."""
+    places: list[tuple[Function | None, list[ast.AST]]] = [(None, program.module_nodes)]
+    for function, nodes in [*places, *((function, function.nodes) for function in program.all)]:
+        for node in nodes if function is None or function.name not in ("__eq__", "__hash__") else ():
+            match node:
+                case ast.Call(func=func, args=[_]) if program.path(func, function) == "builtins.id":
+                    if isinstance(program.parents[node], ast.BinOp):
+                        yield Suspect(line(node), f"calculates with an address in memory: {ast.unparse(node)[:40]}")
+                case ast.keyword(arg="key", value=value) if program.path(value, function) == "builtins.id":
+                    yield Suspect(line(value), "sorts by id()")
 
 
 def turns(program: Program, kinds: Collection[str]) -> Iterator[Suspect]:
