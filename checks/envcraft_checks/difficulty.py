@@ -25,7 +25,8 @@ If the game can be won and has few states, the search also looks for a success o
 none of its reachable states is a success. Two such seeds are an error, and one is a warning.
 
 If the code reads the clock and uses the time in the game, the speed of the machine decides how often play wins. The
-check is then skipped instead of a finding about wins.
+check is then skipped instead of a finding about wins. The same holds if a generator with a fixed seed, which reset()
+does not seed again, makes all fresh episodes draw the same numbers.
 
 If no proof is possible, but the exploration met no new state in its second half, a game without a positive outcome gets
 a warning. Another warning names lines of `step()` that pay, win or end the episode, and that no play and no search
@@ -66,6 +67,7 @@ from envcraft.text import plural
 
 from .instawin import BY_SIGN, counts_survival
 from .linting.clock import timed
+from .linting.generators import drawn_alike
 from .linting.logic import names_success
 from .linting.program import line, program_of
 
@@ -143,6 +145,7 @@ class Difficulty(Check):
             for finding in self._judge_play(subject):
                 if finding.code in _BY_WINS:
                     timed(subject)
+                    drawn_alike(subject)
                 yield finding
         except Skip as skip:
             skipped = skip

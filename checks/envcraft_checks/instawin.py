@@ -17,7 +17,8 @@ only if it earns clearly more, which shows that play matters.
 With `--policy FILE` the check also plays the actions of the privileged policy.
 
 If the code reads the clock and uses the time in the game, the speed of the machine decides how often play wins. The
-check is then skipped instead of a finding, unless every episode reports success at every step.
+check is then skipped instead of a finding, unless every episode reports success at every step. The same holds if a
+generator with a fixed seed, which reset() does not seed again, makes all fresh episodes draw the same numbers.
 
 ## Why is this bad?
 If random play wins, an agent has nothing to learn, and its score says nothing about it.
@@ -44,6 +45,7 @@ from envcraft.plugins import hookimpl
 from envcraft.text import plural
 
 from .linting.clock import timed
+from .linting.generators import drawn_alike
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -91,6 +93,7 @@ class InstaWin(Check):
         found += self._judge_paid(subject)
         if found:
             timed(subject)
+            drawn_alike(subject)
         yield from found
         if unsettled:
             raise Undecided(unsettled)

@@ -1,4 +1,4 @@
-"""How easy a game is stays open if the time of day decides it."""
+"""How easy a game is stays open if the time of day decides it, or one seed for all episodes."""
 
 from __future__ import annotations
 
@@ -64,3 +64,27 @@ def test_a_clock_in_a_helper_file_counts_where_play_uses_it(
     assert judged.undecided == undecided
     assert bool(judged.findings) != undecided
     assert not undecided or "helper.py line" in judged.reason
+
+
+@pytest.mark.parametrize("check", ["instawin", "difficulty"])
+@pytest.mark.parametrize(
+    ("top", "made", "undecided"),
+    [
+        ("    def __init__(self):\n        self.rng = random.Random(3)\n", "", True),
+        ("    rng = random.Random(3)\n", "", True),
+        # Each seed gives another episode.
+        ("    def __init__(self):\n        self.rng = random.Random(3)\n", "self.rng = random.Random(seed)", False),
+        ("    rng = random.Random(3)\n", "self.rng = random.Random(seed)", False),
+        ("    rng = random.Random(3)\n", "self.rng.seed(seed)", False),
+    ],
+)
+def test_a_game_with_one_seed_for_all_episodes_is_not_called_easy(
+    check: str, top: str, made: str, undecided: bool
+) -> None:
+    text = ROCKS.replace("import time", "import random").replace("MOMENT", "self.rng.random() < 1e-9")
+    text = text.replace("    def reset", f"{top}    def reset").replace("seed=seed)\n", f"seed=seed)\n        {made}\n")
+    options: Any = {"contract": "gymnasium", "sandbox": "process", "budget": "quick", "checks": check}
+    [judged] = [each for each in envcraft.validate(text, **options).reports[0].checks if each.check == check]
+    assert judged.undecided == undecided
+    assert bool(judged.findings) != undecided
+    assert not undecided or "with a fixed seed" in judged.reason

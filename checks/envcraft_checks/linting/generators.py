@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
-from .program import Function, Program, Suspect, bindings, line, name_of
+from envcraft.errors import Undecided
+
+from .program import Function, Program, Suspect, bindings, in_words, line, name_of, program_of
 from .usage import Usage
+
+if TYPE_CHECKING:
+    from envcraft.judging.subject import Subject
 
 #: The functions of the module random that draw from its global generator.
 _DRAWS = frozenset({
@@ -72,6 +78,35 @@ def seeded_draws(program: Program) -> Iterator[Suspect]:
 def kept_generators(program: Program) -> Iterator[Suspect]:
     """Find generators of an instance that outlive its episodes, once play has shown that something does."""
     yield from (suspect._replace(certain=False) for suspect in _own(program, Usage(program)))
+
+
+def drawn_alike(subject: Subject) -> None:
+    """Leave undecided how easy a game is that draws the same numbers in the first episode of each instance.
+
+    Raises:
+        Undecided: all fresh episodes are one, whatever their seed.
+    """
+    program = program_of(subject)
+    if program is not None and (found := next(_seeded_once(program), None)) is not None:
+        raise Undecided(f"the first episode of each instance draws the same numbers: {in_words([found])[0]}")
+
+
+def _seeded_once(program: Program) -> Iterator[Suspect]:
+    """Find generators with a fixed seed that the constructor, the class or the module creates, and play draws from."""
+    yield from kept_generators(program)
+    read = {name_of(node) for one in program.play for node in one.nodes if isinstance(node, ast.Name | ast.Attribute)}
+    bodies = (node for owner in program.lineage(program.env) for node in program.classes[owner].body)
+    anew = {name_of(target) for one in program.play for target, _, _ in one.bindings}
+    anew |= {
+        name_of(node.value)
+        for one in program.play
+        for node in one.nodes
+        if isinstance(node, ast.Attribute) and node.attr == "seed"
+    }
+    for target, value, node in bindings([*program.module_nodes, *bodies]):
+        made = isinstance(value, ast.Call) and program.path(value.func) in _MAKERS and not _unseeded(value)
+        if made and name_of(target) in read - anew:
+            yield Suspect(line(node), f"creates {name_of(target)} with a fixed seed once for all instances")
 
 
 def constant_seed(program: Program) -> Suspect | None:
