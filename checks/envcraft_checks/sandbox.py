@@ -205,6 +205,7 @@ class SandboxEvents(Check):
             f"{words} (under {trace.rollout.player})",
             line=place or (subject.line_of(phase) if subject.env_class else None),
             repro=repro(trace.rollout.cut(trace.steps + 1)),
+            **(fault.evidence if fault is not None else {}),
             **trace.printed,
         )
 

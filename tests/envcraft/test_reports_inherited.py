@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from envcraft_checks.api import Api
+from envcraft_checks.sandbox import SandboxEvents
 from envcraft_checks.source import Source
 from gymnasium.envs.classic_control.cartpole import CartPoleEnv
 
@@ -22,6 +23,7 @@ from envcraft.model.project import with_project
 from envcraft.model.target import Target, read_target
 from envcraft.model.verdict import Report
 from envcraft.registry import offered
+from envcraft.reports.console import ConsoleReporter
 from envcraft.reports.reporter import Reporter
 from envcraft.reports.sarif import SarifReporter
 from tests.envcraft.report_samples import rendered
@@ -184,6 +186,21 @@ def test_sarif_relates_the_line_of_another_file_that_raises(raising: Report) -> 
     assert related["region"] == {"startLine": _COPIES}
     [finding] = [finding for check in raising.reports[0].checks for finding in check.findings]
     assert (finding.evidence["file"], finding.evidence["file_line"]) == ("base.py", _COPIES)
+
+
+def test_a_limit_that_another_file_reaches_is_shown_with_its_line(tmp_path: Path) -> None:
+    step = "    def step(self, action):\n"
+    base = _GRID.replace(step, f"{step}        raise MemoryError\n")
+    line = 1 + base.splitlines().index("        raise MemoryError")
+    (tmp_path / "base.py").write_text(base)
+    (tmp_path / "room.py").write_text("from base import Grid\n\n\nclass Room(Grid):\n    pass\n")
+    report = _judged(with_project(read_target(str(tmp_path / "room.py"))), [Source(), Api(), SandboxEvents()])
+    found = [finding for check in report.reports[0].checks for finding in check.findings if finding.code == "EC902"]
+    assert [(each.evidence["file"], each.evidence["file_line"]) for each in found] == [("base.py", line)]
+    assert f'File "base.py", line {line}, in step' in rendered(ConsoleReporter, report)
+    results = json.loads(rendered(SarifReporter, report))["runs"][0]["results"]
+    [related] = [result["relatedLocations"] for result in results if result["ruleId"] == "EC902"]
+    assert related[0]["physicalLocation"]["region"] == {"startLine": line}
 
 
 def test_however_deep_a_library_raises_the_traceback_has_the_line_that_calls_it(raising: Report) -> None:
