@@ -201,7 +201,9 @@ class Difficulty(Check):
             else:
                 rate = self._policy_rate(subject)
                 policy_wins = rate.hits > 0
-                if not policy_wins and rate.n >= _COMPARED:
+                # A crash of the environment takes from the policy what it would have earned.
+                whole = all(subject.act(number).usable for number in range(rate.n))
+                if not policy_wins and rate.n >= _COMPARED and whole:
                     yield from self._compare(subject, rate)
         unsettled = "" if policy_wins else self._unsolved(subject)
         if unsettled == _UNSOLVABLE:

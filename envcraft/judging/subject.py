@@ -359,11 +359,16 @@ class Subject:
         return self.rollout(Rollout(seed, actions, policy=True, max_steps=len(actions)))
 
     def privileged(self) -> list[Trace]:
-        """The actions of the privileged policy on the first seeds, stepped again without it; none without a policy."""
+        """The actions of the privileged policy on the first seeds, stepped again without it; none without a policy, and
+        none where something else than step() fails.
+        """
         if self.policy is None:
             return []
         acted = self.rollouts([self.probes.policy(number) for number in range(self.budget.policy)])
-        return [self.without_policy(trace) for trace in acted if trace.usable]
+        stepped = (
+            trace for trace in acted if trace.usable or (trace.fault is not None and trace.fault.phase == "step")
+        )
+        return [self.without_policy(trace) for trace in stepped]
 
     def without_policy(self, trace: Trace) -> Trace:
         """Step the privileged policy's actions without it, so without what it may have written to the environment."""

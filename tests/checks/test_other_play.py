@@ -206,6 +206,25 @@ def test_a_reward_that_comes_after_the_end(game: str, contract: Contract, policy
     assert [failing(report) for _, report in judge_plans([plan])] == [codes]
 
 
+def test_a_crash_that_only_the_policy_reaches_is_reported_alone() -> None:
+    game = LATE.replace(
+        "return self.render(), -0.01", "1 / (len(self.code) - self.at)\n        return self.render(), 0.01"
+    )
+    checks = [check for check in default_checks() if check.name in ("source", "api", "difficulty")]
+    plan = Plan(
+        [Target("game.py", game.encode())],
+        ARCADE,
+        driver_named("process"),
+        checks,
+        BUDGETS["standard"],
+        policy=PolicyFile("policy.py", OPENS),
+    )
+    [[_, report]] = judge_plans([plan])
+    found = {finding.code: finding for check in report.checks for finding in check.findings}
+    assert "EC806" not in found
+    assert found["EC107"].message.startswith("step 150 raises ZeroDivisionError")
+
+
 @pytest.mark.parametrize(("game", "by_sign"), [(FAR, True), (REPORTS_SUCCESS, False)], ids=["return", "info"])
 def test_message_says_what_shows_the_win(game: str, by_sign: bool, reports: Reports) -> None:
     findings = [finding for check in reports[game, ""].checks for finding in check.findings]
