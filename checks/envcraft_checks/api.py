@@ -53,7 +53,15 @@ from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 from envcraft.text import with_article
 
-from .interface.lines import acting_line, declared, line_of_result, line_of_space, misspelt_space, overwriting_line
+from .interface.lines import (
+    acting_line,
+    declared,
+    line_of_result,
+    line_of_space,
+    lines_of_call,
+    misspelt_space,
+    overwriting_line,
+)
 from .libraries import ask_for_dependency
 
 if TYPE_CHECKING:
@@ -72,6 +80,8 @@ _CALLS = {
 _NEW_KEYS = {"render.modes": "render_modes", "video.frames_per_second": "render_fps"}
 #: Messages of graphics libraries on a machine without a screen. They say nothing about the environment.
 _NO_SCREEN = re.compile(r"OpenGL|\bGL context|gladLoad|\bdisplay\b|\bEGL\b|OSMesa|GLFW", re.IGNORECASE)
+#: The place in the result of the value that a code is about.
+_RETURNED = {"EC108": 0, "EC109": 0, "EC114": -1}
 #: The most earlier episodes that are played alone.
 _ALONE = 4
 
@@ -206,7 +216,7 @@ class Api(Check):
             for finding in self.find(subject, trace):
                 if finding.code not in seen and not self._outlives(subject, trace, finding):
                     seen.add(finding.code)
-                    yield self._smallest(subject, trace, finding)
+                    yield _placed(subject, self._smallest(subject, trace, finding))
             if seen & {"EC104", "EC105"}:
                 return
         if "EC107" not in seen and (crash := self._search_crash(subject)) is not None:
@@ -242,7 +252,8 @@ class Api(Check):
         else:
             conditions = Conditions.from_json(finding.repro.conditions)
             found = self.find(subject, subject.rollout(Rollout(finding.repro.seed, finding.repro.actions, conditions)))
-        return next((again for again in found if again.code == finding.code), None)
+        again = next((again for again in found if again.code == finding.code), None)
+        return _placed(subject, again) if again is not None else None
 
     def _judge_spaces(self, subject: Subject) -> Iterator[Finding]:
         """Compare the declared spaces with the contract's."""
@@ -481,6 +492,16 @@ class Api(Check):
             before = trace.rollout.conditions.before[failing : failing + 1]
         for each in before[:_ALONE]:
             yield subject.rollout(Rollout(each.seed or 0, each.actions, player="an earlier episode"))
+
+
+def _placed(subject: Subject, finding: Finding) -> Finding:
+    """A finding about a value with the line that returned it, where a method returns at several."""
+    step, part = finding.evidence.get("step"), _RETURNED.get(finding.code)
+    method = "step" if step else "reset"
+    if step is None or part is None or finding.line != subject.line_of(method).number:
+        return finding
+    line = line_of_result(subject, method, part, lines_of_call(subject, finding, step))
+    return msgspec.structs.replace(finding, line=line) if isinstance(line, int) else finding
 
 
 def _lost_mode(subject: Subject) -> str:

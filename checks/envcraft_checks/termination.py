@@ -51,6 +51,8 @@ import itertools
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+import msgspec
+
 from envcraft.errors import Undecided
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro, shrunk
@@ -60,6 +62,7 @@ from envcraft.text import plural
 
 from .endings import after, loss, success, time_limit
 from .endings.flags import flag_line
+from .interface.lines import lines_of_call
 from .linting.program import program_of
 
 if TYPE_CHECKING:
@@ -134,7 +137,8 @@ class Termination(Check):
             raise Undecided("each episode raises an error or has no step")
         flags = ((trace, finding) for trace in usable for finding in self._judge_flags(subject, trace))
         for trace, finding in itertools.islice(flags, 1):
-            yield shrunk(subject, trace.rollout, finding, lambda played: self._judge_flags(subject, played))
+            small = shrunk(subject, trace.rollout, finding, lambda played: self._judge_flags(subject, played))
+            yield _placed(subject, small)
         limit = subject.contract.limit
         if limit is not None:
             wrong = list(time_limit.find_wrong(self, subject, usable, limit))
@@ -160,6 +164,7 @@ class Termination(Check):
                         line=(program and flag_line(program, name)) or subject.line_of("step"),
                         repro=repro(trace.rollout.cut(step)),
                         step=step,
+                        flag=name,
                     )
 
     def _judge_short(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
@@ -185,6 +190,16 @@ class Termination(Check):
             repro=repro(longest.rollout.cut(longest.steps)),
             episodes=len(ended),
         )
+
+
+def _placed(subject: Subject, finding: Finding) -> Finding:
+    """A finding about a flag with the line that gave it its value, where several do."""
+    program = program_of(subject)
+    if program is None or finding.line != subject.line_of("step").number:
+        return finding
+    ran = lines_of_call(subject, finding, finding.evidence["step"])
+    line = flag_line(program, finding.evidence["flag"], ran)
+    return finding if line is None else msgspec.structs.replace(finding, line=line)
 
 
 @hookimpl

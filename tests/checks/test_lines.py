@@ -11,6 +11,7 @@ from envcraft_checks.endings.flags import flag_line
 from envcraft_checks.linting.generators import constant_seed
 from envcraft_checks.linting.program import Program
 
+import envcraft
 from envcraft.contracts.builtin import ARCADE, GYMNASIUM
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.engine import Plan
@@ -140,7 +141,21 @@ _EITHER = f"{_LOOK}        if self.at:\n            return 'one'\n        return
             "return self.at, 1.0",
             "if self.at == 3:\n            return 3\n        return self.at, 1.0",
             "EC106",
-            "def step",
+            "return 3",
+        ),
+        # What returns at the end of the episode is right.
+        *(
+            (
+                _LAST,
+                f"if self.at == 8:\n            return self.at, 0.0, self.at > 0, False, {{}}\n        {last}",
+                *found,
+            )
+            for last, *found in (
+                ("return self.at, 1.0, self.at == 8, {}", "EC106", "self.at == 8, {}"),
+                ("return str(self.at), 1.0, False, False, {}", "EC108", "return str(self.at)"),
+                ("return self.at + 9, 1.0, False, False, {}", "EC109", "return self.at + 9"),
+                ("return self.at, 1.0, False, False, None", "EC114", "False, False, None"),
+            )
         ),
         ("self.at = 0", "import os; os._exit(3)", "EC008", "class Game"),
         ("", "\n\nclass Other(Game):\n    pass\n", "EC006", "class Other"),
@@ -350,6 +365,15 @@ def test_the_line_that_makes_a_flag(body: str, flag: str, named: str | None) -> 
     source = GAME.replace(old, body.replace("\n", "\n        "))
     line = flag_line(Program(ast.parse(source)), flag)
     assert (source.splitlines()[line - 1].strip() if line else None) == named
+
+
+def test_the_line_that_gave_a_flag_its_value_in_the_call() -> None:
+    guard = "if self.at == 7:\n            return self.at, 0.0, self.over, False, {}"
+    text = GAME.replace(_LAST, f"{guard}\n        return self.at, 1.0, int(self.at == 8), False, {{}}")
+    text = text.replace("self.at = 0", "self.at, self.over = 0, True")
+    report = envcraft.validate(text, contract="gymnasium", sandbox="process", budget="quick", checks="termination")
+    [found] = [found for check in report.reports[0].checks for found in check.findings if found.code == "EC504"]
+    assert "int(self.at == 8)" in text.splitlines()[(found.line or 0) - 1]
 
 
 @pytest.mark.parametrize(

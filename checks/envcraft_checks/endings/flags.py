@@ -17,12 +17,13 @@ _FLAGS = {"terminated": 2, "truncated": 3}
 _RESULTS = 5
 
 
-def flag_line(program: Program, flag: str) -> int | None:
+def flag_line(program: Program, flag: str, ran: frozenset[int] = frozenset()) -> int | None:
     """Return the line of step() that gives a flag a value which need not be a bool.
 
     Args:
         program: the source.
         flag: ``terminated`` or ``truncated``.
+        ran: lines that ran in the call. Of several lines, those among these count.
 
     Returns:
         The line; None if there is none or several.
@@ -36,6 +37,7 @@ def flag_line(program: Program, flag: str) -> int | None:
             returned = node.value.elts[_FLAGS[flag]]
             values = [value for target, value, _ in step.bindings if ast.unparse(target) == ast.unparse(returned)]
             lines |= {line(value) for value in values or [returned] if value is not None and not _is_bool(value)}
+    lines = lines & ran or lines
     return lines.pop() if len(lines) == 1 else None
 
 

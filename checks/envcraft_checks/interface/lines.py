@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+from envcraft.errors import Skip
+from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.target import Kind, parse
 from envcraft_checks.linting.program import Function, Program, line, program_of
 from envcraft_checks.linting.sharing import action_writes, same_objects
@@ -15,9 +17,11 @@ from envcraft_checks.rewards.syntax import returns
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
-    from envcraft.model.verdict import Line
+    from envcraft.model.verdict import Finding, Line
 
 _SPACES = {"observation_space", "action_space"}
+#: How many values a method returns.
+_VALUES = {"reset": 2, "step": 5}
 
 
 def line_of_space(subject: Subject, space: str) -> int | Line:
@@ -93,24 +97,49 @@ def acting_line(subject: Subject) -> int | Line:
     return lines[0] if lines else subject.line_of("step")
 
 
-def line_of_result(subject: Subject, method: str, part: int | None = None) -> int | Line:
-    """The line at which a method, or the only function of the file that it calls for this, returns a part of its
-    result; that of the method where it may at several, or where it is not in this file.
+def lines_of_call(subject: Subject, finding: Finding, step: int) -> frozenset[int]:
+    """The lines of the file that ran in one call of a finding's reproduction, 0 for the reset; none where the budget
+    does not allow to play it again.
+    """
+    small = finding.repro
+    if subject.target.wrappers or not subject.affords(step):
+        return frozenset()
+    conditions = Conditions.from_json(small.conditions)
+    rollout = Rollout(small.seed, small.actions, conditions, player="these actions", fields=True)
+    with contextlib.suppress(Skip):
+        states = subject.rollout(rollout).states
+        return states[step].lines if len(states) > step else frozenset()
+    return frozenset()
+
+
+def line_of_result(
+    subject: Subject, method: str, part: int | None = None, ran: frozenset[int] = frozenset()
+) -> int | Line:
+    """Find the line at which a method, or the only function of the file that it calls for this, returns a value.
+
+    Args:
+        subject: the environment.
+        method: the name of the method.
+        part: the place of the value in the result; None for the whole result.
+        ran: lines that ran in the call. Of several lines that return, those among these count.
+
+    Returns:
+        The line; that of the method where it may be at several, or where it is not in this file.
     """
     source = subject.target.kind is Kind.SOURCE and not subject.target.wrappers
-    number = _only_return(subject.text, subject.class_statement, method, part) if source else None
+    number = _only_return(subject.text, subject.class_statement, method, part, ran) if source else None
     return number or subject.line_of(method)
 
 
 @lru_cache(8)
-def _only_return(text: str, env_class: str | None, method: str, part: int | None) -> int | None:
+def _only_return(text: str, env_class: str | None, method: str, part: int | None, ran: frozenset[int]) -> int | None:
     # Many traces of one environment may show the same defect.
     try:
         program = Program(parse(text), env_class)
     except RecursionError:
         return None
     found = None
-    for number, (_, results) in enumerate(_makers(program, method, part)):
+    for number, (_, results) in enumerate(_makers(program, method, part, ran)):
         if number and part is None and not all(isinstance(value, ast.Tuple) for _, value in results):
             # What makes an observation is right: its caller returns it alone.
             break
@@ -122,18 +151,28 @@ def _only_return(text: str, env_class: str | None, method: str, part: int | None
 
 
 def _makers(
-    program: Program, method: str, part: int | None
+    program: Program, method: str, part: int | None, ran: frozenset[int] = frozenset()
 ) -> Iterator[tuple[Function, list[tuple[int, ast.expr | None]]]]:
     """A method, then the function of the file that it calls wherever it returns a part of its result, and so on, each
-    with the lines and the values that it returns.
+    with the lines and the values that it returns. If some of these lines ran, or have the wrong number of values, only
+    these.
     """
     function, seen = program.method(program.env, method), set[Function]()
     while function is not None and function not in seen:
         seen.add(function)
         results = [(line(each), _part(each.value, part)) for each in returns(function) if each.value is not None]
+        results = [result for result in results if result[0] in ran] or results
+        if part is None and method in _VALUES:
+            results = [result for result in results if not _is_complete(result[1], _VALUES[method])] or results
         yield function, results
         calls = {_called(program, function, value) for _, value in results}
         function, part = calls.pop() if len(calls) == 1 else None, None
+
+
+def _is_complete(value: ast.expr | None, count: int) -> bool:
+    """Whether a returned value is a tuple of so many values."""
+    starred = isinstance(value, ast.Tuple) and any(isinstance(each, ast.Starred) for each in value.elts)
+    return isinstance(value, ast.Tuple) and len(value.elts) == count and not starred
 
 
 def _part(value: ast.expr | None, part: int | None) -> ast.expr | None:
