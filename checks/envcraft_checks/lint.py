@@ -18,8 +18,10 @@ no cells.
 
 EC061 is about what step() returns: flags in each other's place, an info that is no dict, and one without the key for
 success that the info of another end has. EC062 is about each branch that brings success nearer: its rewards are
-negative numbers. EC063 is about an attribute that render() counts on, and that step() reads. EC064 is about a picture
-of bytes that becomes one of floats.
+negative numbers, or the step of success pays 0 after all. EC063 is about an attribute that render() counts on, and that
+step() reads. EC064 is about a picture of bytes that becomes one of floats. EC065 is about what each step pays, or each
+step with a button held, if that is more than success pays. EC066 is about a flag that only reset() clears: where it is
+true, the picture shows nothing new.
 
 The check runs after the others. If play has shown a defect of the same kind, for example EC204 for a draw from a
 global generator, that finding has the reproduction, and this check does not repeat it. A rule that is off by default
@@ -82,9 +84,12 @@ from .linting.rendering import drawn_changes
 from .linting.results import wrong_results
 from .linting.sharing import aliases, shared
 from .linting.skipped import skipped_numbers
+from .linting.stopping import stopped_pictures
 from .linting.success import unreachable_successes
 from .linting.sums import floats
 from .linting.unending import ongoing_successes
+from .linting.unpaid import unpaid_successes
+from .linting.waiting import waiting_pays
 from .linting.wrapping import empty_slices, unsigned, wrapped_indices
 
 if TYPE_CHECKING:
@@ -127,8 +132,11 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC059", empty_slices),
     ("EC061", wrong_results),
     ("EC062", punished_successes),
+    ("EC062", unpaid_successes),
     ("EC063", drawn_changes),
     ("EC064", float_pictures),
+    ("EC065", waiting_pays),
+    ("EC066", stopped_pictures),
 )
 
 
@@ -222,9 +230,9 @@ class Lint(Check):
         Rule(
             "EC062",
             "success-punished",
-            "What brings success nearer has a negative reward.",
-            "Pay for progress; do not change the sign of the reward.",
-            confirmed_by=("EC308",),
+            "What brings success nearer has a negative reward, or the step of success loses its reward.",
+            "Pay for progress and for success; do not change the sign of the reward.",
+            confirmed_by=("EC305", "EC308"),
         ),
         Rule(
             "EC063",
@@ -239,6 +247,20 @@ class Lint(Check):
             "A branch makes the observation float64, or writes floats into an array of uint8.",
             "Convert the picture at the end of the branch: `.astype(np.uint8)`.",
             confirmed_by=("EC104", "EC107", "EC108", "EC112"),
+        ),
+        Rule(
+            "EC065",
+            "waiting-pays",
+            "Each step, or holding a button, pays more than success, which ends the episode.",
+            "Pay for progress and for success, not for time or for the action itself.",
+            confirmed_by=("EC304", "EC307", "EC308", "EC602"),
+        ),
+        Rule(
+            "EC066",
+            "picture-stops",
+            "After an event the observation shows nothing new until reset().",
+            "Draw the state after the event, too, or end the episode there.",
+            confirmed_by=("EC401", "EC402", "EC403", "EC404", "EC405"),
         ),
     )
 

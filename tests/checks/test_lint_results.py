@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import textwrap
 
 import pytest
 from envcraft_checks.lint import Lint
+from envcraft_checks.linting.program import Program
+from envcraft_checks.linting.unpaid import unpaid_successes
 
 from envcraft.model.target import Target
 from envcraft.model.verdict import Severity
@@ -135,6 +138,28 @@ def test_a_price_is_a_warning() -> None:
     with subject_of(Target("game.py", source.encode())) as subject:
         [finding] = Lint().judge(subject)
     assert (finding.code, finding.severity) == ("EC062", Severity.WARNING)
+
+
+@pytest.mark.parametrize(
+    ("reward", "success", "warned"),
+    [
+        ("0.0 if won else reward", "won", True),
+        ("0 if bool(won) else float(reward)", "bool(won)", True),
+        ("0.0 if self.picked >= 3 else reward", "self.picked >= 3", True),
+        # The distance to the goal.
+        ("0.0 if won else -1.0", "won", False),
+        ("0.0 if won else reward", "self.won", False),
+        ("0.0 if not won else reward", "won", False),
+        ("reward if won else 0.0", "won", False),
+        # Whoever has won plays no more: success is one of the last step.
+        ("0.0 if self.won else self._advance()", "self.won", False),
+    ],
+)
+def test_a_step_of_success_that_loses_its_reward(reward: str, success: str, warned: bool) -> None:
+    step = PICKED.format("1.0") + "won = self.picked >= 3" + END.format(reward, success, success)
+    helper = "    def _advance(self):\n        return 1.0\n"
+    text = GAME.replace("STEP", textwrap.indent(step, " " * 8)) + helper
+    assert [suspect.certain for suspect in unpaid_successes(Program(ast.parse(text)))] == [False] * warned
 
 
 LOSS = "if self.hearts < 1:\n    self.lost = True\n    reward {}= 1.0\n"

@@ -24,7 +24,7 @@ def float_pictures(program: Program) -> Iterator[Suspect]:
     space += [program.class_values(program.env).get("observation_space", ("", None))[1]]
     if not any(name_of(part) == _BYTE for value in space if value for part in ast.walk(value)):
         return
-    for function, values in _makers(program):
+    for function, values in observing(program):
         dtypes = _Dtypes(program, function, _DEPTH)
         yield from dtypes.refused
         for value in values:
@@ -32,7 +32,7 @@ def float_pictures(program: Program) -> Iterator[Suspect]:
                 yield from dtypes.floats(value)
 
 
-def _makers(program: Program) -> Iterator[tuple[Function, list[ast.expr]]]:
+def observing(program: Program) -> Iterator[tuple[Function, list[ast.expr]]]:
     """The functions whose result is the observation, and what they return as such."""
     waiting = [program.method(program.env, name) for name in ("step", "reset", "render")]
     seen: set[Function] = set()

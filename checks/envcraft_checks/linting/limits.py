@@ -92,20 +92,7 @@ def other_limits(program: Program) -> Iterator[Suspect]:
 
     The declared limit has a name such as MAX_STEPS. A test of a step counter with it may be one of several limits.
     """
-    step = program.method(program.env, "step")
-    if step is None:
-        return
-    play = program.reached("step")
-    tests = {
-        node: function for place in (_TRUNCATED - 1, _TRUNCATED) for node, function in _tests(program, step, place)
-    }
-    counted = [
-        (node, found[1])
-        for node, function in tests.items()
-        if (found := _bound(program, node, function))
-        and _adds(play, found[0])
-        and _always(program, step, play, found[0])
-    ]
+    counted = _counted(program)
     if len(counted) != 1:
         return
     [(test, most)] = counted
@@ -113,6 +100,30 @@ def other_limits(program: Program) -> Iterator[Suspect]:
         for name, value in _declared(program).items():
             if value != most and _reads(program, name):
                 yield Suspect(line(test), f"ends the episode if {ast.unparse(test)}, but {name} is {value:g}")
+
+
+def step_limit(program: Program) -> float | None:
+    """The number of steps after which the code ends an episode; None if it has no such number, or several."""
+    counted = _counted(program)
+    return counted[0][1] if len(counted) == 1 else None
+
+
+def _counted(program: Program) -> list[tuple[ast.AST, float]]:
+    """The tests that end an episode by a count of its steps, each with the number."""
+    step = program.method(program.env, "step")
+    if step is None:
+        return []
+    play = program.reached("step")
+    tests = {
+        node: function for place in (_TRUNCATED - 1, _TRUNCATED) for node, function in _tests(program, step, place)
+    }
+    return [
+        (node, found[1])
+        for node, function in tests.items()
+        if (found := _bound(program, node, function))
+        and _adds(play, found[0])
+        and _always(program, step, play, found[0])
+    ]
 
 
 def _declared(program: Program) -> dict[str, float]:

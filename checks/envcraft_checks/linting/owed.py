@@ -14,7 +14,7 @@ def owed_rewards(program: Program) -> Iterator[Suspect]:
     for end in step.nodes if step is not None else ():
         match end:
             case ast.Return(value=ast.Tuple(elts=[_, ast.Name(id=reward), *flags, _])) if step is not None:
-                over = _alternatives(step, flags)
+                over = alternatives(step, flags)
                 for node, field, paid in _kept(step, reward, end):
                     if _ends(program, step, node, over) and not _pays_too(program, node, reward):
                         words = f"changes self.{field} after line {paid} has paid it"
@@ -41,7 +41,7 @@ def _is_true(node: ast.Assign) -> bool:
     return isinstance(node.value, ast.Constant) and node.value.value is True
 
 
-def _alternatives(step: Function, flags: list[ast.expr]) -> set[str]:
+def alternatives(step: Function, flags: list[ast.expr]) -> set[str]:
     """The expressions, as texts, each of which makes one of these flags true."""
     found: set[str] = set()
     waiting = [*flags]

@@ -442,7 +442,8 @@ class Walk:
         if others:
             amount = sign * sum(known) if len(known) == len(others) else None
             number = len(self.found)
-            self._leaf(others[0][0] if len(others) == 1 else value, at, scope, sign, once)
+            single, way = others[0] if len(others) == 1 else (value, 1)
+            self._leaf(single, at, scope, sign * way, once)
             sizes = [largest(term, scope, self._program) for term, _ in others]
             limit = sum(size or 0.0 for size in sizes) if None not in sizes else None
             self.found[number] = self.found[number]._replace(amount=amount, limit=limit)
