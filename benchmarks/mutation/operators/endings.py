@@ -52,7 +52,7 @@ def limit_missed(game: Source) -> Places:
                 yield [*edits, game.after(event, f"{game.counter} += 500")]
 
 
-@operator("EC502", "EC50", "EC05")
+@operator("EC502", "EC50", "EC05", "EC061")
 def limit_is_termination(game: Source) -> Places:
     """Report the time limit as termination."""
     for _, values in game.results[-1:]:
@@ -64,7 +64,7 @@ def limit_is_termination(game: Source) -> Places:
             ]
 
 
-@operator("EC502", "EC50", "EC05")
+@operator("EC502", "EC50", "EC05", "EC061")
 def flags_swapped(game: Source) -> Places:
     """Swap the two flags."""
     for _, values in game.results[-1:]:
@@ -73,7 +73,7 @@ def flags_swapped(game: Source) -> Places:
             yield [game.replace(values[TERMINATED], truncated), game.replace(values[TRUNCATED], terminated)]
 
 
-@operator(*_ENDS)
+@operator(*_ENDS, "EC060")
 def goes_on_after_success(game: Source) -> Places:
     """Do not end the episode at success."""
     if game.results and game.success:

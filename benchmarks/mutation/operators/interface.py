@@ -44,7 +44,7 @@ def _kept(game: Source, number: int) -> Places:
     ]
 
 
-@operator(*_API)
+@operator(*_API, "EC064")
 def dtype_widened(game: Source) -> Places:
     """Darken the picture after an event, which makes it a picture of floats."""
     for _, edits in flagged(game, "self.dimmed"):
@@ -122,7 +122,7 @@ def action_kept(game: Source) -> Places:
         ]
 
 
-@operator(*_API)
+@operator(*_API, "EC061")
 def info_is_list(game: Source) -> Places:
     """Return a list as `info` after an event."""
     for _, edits in flagged(game, "self.listed"):

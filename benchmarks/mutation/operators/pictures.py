@@ -11,25 +11,25 @@ from benchmarks.mutation.source import Edit, Source, names_in, nodes
 _SHOWN = ("EC40", "EC05")
 
 
-@operator(*_SHOWN)
+@operator(*_SHOWN, "EC066")
 def frozen_after_event(game: Source) -> Places:
     """Draw nothing new after an event."""
     for event, _ in flagged(game, "self.frozen"):
         if game.results and game.seeding is not None:
             yield [
-                game.after(game.seeding, "self.frozen = self.still = None"),
+                game.after(game.seeding, "self.frozen = self.last_picture = None"),
                 game.after(event, "self.frozen = True"),
-                *result(game, OBSERVATION, "self._picture({0})"),
+                *result(game, OBSERVATION, "self._shown({0})"),
                 game.method(
-                    "def _picture(self, picture):",
-                    "    if not self.frozen or self.still is None:",
-                    "        self.still = picture",
-                    "    return self.still.copy()",
+                    "def _shown(self, picture):",
+                    "    if not self.frozen or self.last_picture is None:",
+                    "        self.last_picture = picture",
+                    "    return self.last_picture.copy()",
                 ),
             ]
 
 
-@operator(*_SHOWN)
+@operator(*_SHOWN, "EC066")
 def blank_after_event(game: Source) -> Places:
     """Return a black picture after an event."""
     for _, edits in flagged(game, "self.dark"):
@@ -42,13 +42,13 @@ def drawn_once(game: Source) -> Places:
     """Draw the picture at the reset only."""
     if game.results and game.seeding is not None:
         yield [
-            game.after(game.seeding, "self.still = None"),
-            *result(game, OBSERVATION, "self._picture({0})"),
+            game.after(game.seeding, "self.last_picture = None"),
+            *result(game, OBSERVATION, "self._shown({0})"),
             game.method(
-                "def _picture(self, picture):",
-                "    if self.still is None:",
-                "        self.still = picture",
-                "    return self.still.copy()",
+                "def _shown(self, picture):",
+                "    if self.last_picture is None:",
+                "        self.last_picture = picture",
+                "    return self.last_picture.copy()",
             ),
         ]
 
@@ -86,13 +86,13 @@ def every_other_stale(game: Source) -> Places:
     """Return the first picture of the episode at every second step."""
     if game.results and game.seeding is not None and game.counter is not None:
         yield [
-            game.after(game.seeding, "self.still = None"),
-            *result(game, OBSERVATION, "self._picture({0})"),
+            game.after(game.seeding, "self.last_picture = None"),
+            *result(game, OBSERVATION, "self._shown({0})"),
             game.method(
-                "def _picture(self, picture):",
-                "    if self.still is None:",
-                "        self.still = picture",
-                f"    return picture if {game.counter} % 2 else self.still.copy()",
+                "def _shown(self, picture):",
+                "    if self.last_picture is None:",
+                "        self.last_picture = picture",
+                f"    return picture if {game.counter} % 2 else self.last_picture.copy()",
             ),
         ]
 

@@ -48,21 +48,21 @@ def reward_out_of_range(game: Source) -> Places:
             yield [*edits, *result(game, REWARD, "1000.0 if self.jackpot else {0}")]
 
 
-@operator(*_PAID)
+@operator(*_PAID, "EC065")
 def paid_every_step(game: Source) -> Places:
     """Pay a point for every step."""
     if game.results:
         yield result(game, REWARD, "({0}) + 1.0")
 
 
-@operator("EC304", *_PAID)
+@operator("EC304", *_PAID, "EC065")
 def grows_with_time(game: Source) -> Places:
     """Pay more at every step, by the number of steps."""
     if game.results and game.counter is not None:
         yield result(game, REWARD, f"({{0}}) + 0.1 * {game.counter}")
 
 
-@operator(*_PAID)
+@operator(*_PAID, "EC065")
 def paid_for_pressing(game: Source) -> Places:
     """Pay a point whenever the first button is held."""
     if game.results:
@@ -76,14 +76,14 @@ def always_zero(game: Source) -> Places:
         yield result(game, REWARD, "0.0")
 
 
-@operator("EC305", *_PAID, warns=True)
+@operator("EC305", *_PAID, "EC062", warns=True)
 def win_unpaid(game: Source) -> Places:
     """Pay nothing at the step of success."""
     if game.results and game.success:
         yield result(game, REWARD, f"0.0 if {game.success} else {{0}}")
 
 
-@operator("EC305", *_PAID)
+@operator("EC305", *_PAID, "EC062")
 def sign_turned(game: Source) -> Places:
     """Turn the sign of every reward."""
     if game.results:

@@ -102,7 +102,7 @@ def step_count_shared(game: Source) -> Places:
         yield [game.replace(node, shared) for node in used]
 
 
-@operator(*_KEPT)
+@operator(*_KEPT, "EC063")
 def render_counts(game: Source) -> Places:
     """Let `render` advance the step counter."""
     if game.counter is not None and "render" in game.methods:
