@@ -21,8 +21,26 @@ from envcraft.errors import EnvCraftError, ExitCode, UsageError
 from envcraft.registry import did_you_mean, named, offered
 from envcraft.version import __version__
 
+#: Characters of a summary in a list of commands.
+_LONGEST = 200
 
-class PluginGroup(click.Group):
+
+class ListingGroup(click.Group):
+    """A group whose help wraps the summaries of its commands, where Click cuts them to one line."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        commands = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
+        with formatter.section("Commands"):
+            formatter.write_dl(
+                [
+                    (name, command.get_short_help_str(_LONGEST))
+                    for name, command in commands
+                    if command is not None and not command.hidden
+                ]
+            )
+
+
+class PluginGroup(ListingGroup):
     """A group that collects its commands from the plugins."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:

@@ -39,7 +39,7 @@ def sandbox_options(sandbox: str | None = "auto") -> Callable[[_F], _F]:
         click.option(
             "--sandbox",
             default=sandbox,
-            show_default=sandbox or "as recorded",
+            show_default=sandbox is not None or "as recorded",
             metavar="NAME",
             shell_complete=completion.sandboxes,
             help="The sandbox that runs the environments: auto, docker, bubblewrap or process.",
@@ -65,8 +65,8 @@ def policy_option() -> Callable[[_F], _F]:
         "--policy",
         metavar="FILE|PLAYER",
         shell_complete=completion.files,
-        help="A Python file with a privileged policy, which the check difficulty plays, or a player that has one, such "
-        "as that of a family: composer.",
+        help="A Python file with a privileged policy, or a player that has one, such as composer. The check difficulty "
+        "plays it.",
     )
 
 

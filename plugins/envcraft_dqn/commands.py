@@ -162,14 +162,14 @@ def _number(name: str, text: str, minimum: float = 1) -> Callable[[_F], _F]:
 @_number("epsilon_last", "Final rate of random actions.", 0.0)
 @_number("epsilon_share", "Share of the steps in which the rate of random actions falls.", 0.0)
 @_number("alpha", "Exponent of the priorities.", 0.0)
-@_number("beta", "First exponent of the importance weights, which rises to 1.", 0.0)
+@_number("beta", "Initial exponent of the importance-sampling weights, which rises to 1.", 0.0)
 @click.option(
     "--value-rescaling/--no-value-rescaling",
     default=_DEFAULT.value_rescaling,
     show_default=True,
     help="Learn values on a compressed scale, for environments with large and with small rewards.",
 )
-@_number("capacity", "Slots of the replay.")
+@_number("capacity", "Capacity of the replay buffer, in transitions.")
 @_number("starts", "Steps before the first update, without pretraining.", 0)
 @click.option(
     "--demonstration-share",
@@ -213,7 +213,7 @@ def train(
 ) -> None:
     """Train one agent on the frames of many environments.
 
-    The same command resumes an interrupted run from its last checkpoint, and with more --steps it goes on with a
+    The same command resumes an interrupted run from its last checkpoint, and with more --steps it continues a
     completed run. The agent is DIR/agent.safetensors.
     """
     settings = Settings(**options)

@@ -112,8 +112,8 @@ def demos(
     runs in the sandbox beside the environment and must not change it.
 
     \b
-    Exit status: 0 all environments are recorded, or all recordings are reproduced
-                 1 a policy fails, or a recording is not reproduced
+    Exit status: 0 all recordings are made, or reproduced
+                 1 a policy fails, or a recording differs
                  2 usage error
                  3 an environment could not be played
     """

@@ -18,6 +18,7 @@ import pytest
 
 from envcraft import __version__
 from envcraft.cli.configured import configuration
+from envcraft.cli.group import cli
 from envcraft.errors import SandboxUnavailable, UsageError
 from envcraft.judging.driver import Availability, Driver, Isolation, Limits, Worker
 from envcraft.registry import did_you_mean, offered
@@ -61,11 +62,20 @@ def test_all_built_in_commands_are_there(invoke: Any) -> None:
     assert set(listed) >= wanted
 
 
-def test_summaries_of_commands_are_whole_sentences(invoke: Any) -> None:
-    for group in ((), ("corpus",), ("sandbox",), ("study",)):
-        commands = invoke(*group, "--help").stdout.partition("Commands:\n")[2]
-        assert commands
-        assert "..." not in commands, commands
+@pytest.mark.parametrize("columns", [60, 100])
+def test_every_help_fits_the_terminal_and_cuts_no_summary(columns: int) -> None:
+    pending: list[tuple[click.Command, str]] = [(cli, "envcraft")]
+    for command, name in pending:
+        context = click.Context(command, info_name=name, terminal_width=columns)
+        text = command.get_help(context)
+        assert [line for line in text.splitlines() if len(line) > columns] == [], name
+        if isinstance(command, click.Group):
+            commands = text.partition("Commands:\n")[2]
+            assert commands
+            assert "..." not in commands, commands
+            inner = [(command.get_command(context, each), each) for each in command.list_commands(context)]
+            pending += [(found, each) for found, each in inner if found is not None]
+    assert {"transfer", "dedup", "build"} < {name for _, name in pending}
 
 
 def test_unknown_command_names_the_nearest(invoke: Any) -> None:

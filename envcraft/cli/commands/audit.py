@@ -94,7 +94,7 @@ class _Command(Configured):
 @click.option("--previews/--no-previews", default=True, help="Make previews for --report.")
 @format_option()
 @output_option()
-@click.option("--exit-zero", is_flag=True, help="Exit with status 0 even if environments fail.")
+@click.option("--exit-zero", is_flag=True, help="Exit with 0 even if an environment fails.")
 @click.pass_context
 def audit(
     ctx: click.Context,
@@ -130,8 +130,10 @@ def audit(
     Only changed environments are judged again. The same command resumes an interrupted run.
 
     \b
-    Exit status: 0 no environment fails    1 at least one fails
-                 2 usage error                 3 an environment could not be judged
+    Exit status: 0 no environment fails
+                 1 at least one fails
+                 2 usage error
+                 3 an environment could not be judged
     """
     promised, selected = contract_named(contract), select_checks(checks, skip)
     privileged = policy_of(policy, common=True)

@@ -116,8 +116,8 @@ def add(
 @click.option(
     "--verdict",
     type=click.Choice([*(o.value for o in Outcome if o is not Outcome.SKIP), "none"]),
-    help="List only environments with this verdict. undecided lists passes with an undecided check, pass the other "
-    "passes, and none environments without a verdict.",
+    help="List only environments with this verdict. `undecided` lists the passes with an undecided "
+    "check, `pass` the others, and `none` the environments without a verdict.",
 )
 @click.option(
     "--code",
@@ -231,8 +231,10 @@ def verify(ctx: click.Context, corpus: Path, repair: bool) -> None:
     """Check the digests, references and verdicts of a corpus.
 
     \b
-    Exit status: 0 no damage, or all repaired    1 damage
-                 2 usage error                   3 the corpus cannot be read
+    Exit status: 0 no damage, or all repaired
+                 1 damage
+                 2 usage error
+                 3 the corpus cannot be read
     """
     from envcraft.corpus.verify import verify as check
     from envcraft.demonstrations.store import verify as verify_recordings

@@ -34,7 +34,7 @@ _THRESHOLD = click.option(
     type=click.FloatRange(0.1, 1),
     default=0.7,
     show_default=True,
-    help="The Jaccard index from which sources are near-duplicates.",
+    help="The lowest Jaccard index of near-duplicates.",
 )
 _FORMAT = click.option("--format", "form", type=click.Choice(["console", "json"]), default="console", show_default=True)
 

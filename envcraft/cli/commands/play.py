@@ -55,7 +55,7 @@ _STEPS = 100_000
     "--wrap",
     multiple=True,
     metavar="MODULE:FUNC",
-    help="Apply this wrapper, of an installed module or one in the working directory. Can be repeated.",
+    help="Apply this wrapper. Its module is installed or in the working directory. Can be repeated.",
 )
 @click.option(
     "--sandbox",
@@ -106,8 +106,10 @@ def play(
     """Play an environment with the keyboard.
 
     \b
-    Exit status: 0 no check reports an error     1 a check reports an error
-                 2 usage error                   3 the environment could not be played
+    Exit status: 0 no check reports an error
+                 1 a check reports an error
+                 2 usage error
+                 3 the environment could not be played
     """
     promised = contract_named(contract)
     if is_corpus(Path(target)):

@@ -91,9 +91,12 @@ def replay(
     reports how the episode ends, and the defects that this episode alone shows.
 
     \b
-    Exit status: 0 every defect shows again    1 some do not
-                 2 usage error                 3 some could not be replayed
-    With --repro: 0 the episode has no error   1 the episode shows an error
+    Exit status: 0 every defect shows again
+                 1 some do not
+                 2 usage error
+                 3 some could not be replayed
+    With --repro: 0 the episode has no error
+                  1 the episode shows an error
     """
     if gif is not None and Path(gif).suffix.lower() not in ("", ".gif"):
         raise UsageError(f"--gif {gif} is an animated GIF; end its name with .gif")

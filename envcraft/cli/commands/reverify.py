@@ -67,8 +67,10 @@ def reverify(
     The command reports drift: other verdicts of checks, other evidence or other traces.
 
     \b
-    Exit status: 0 all as recorded    1 drift
-                 2 usage error        3 an environment could not be judged
+    Exit status: 0 all as recorded
+                 1 drift
+                 2 usage error
+                 3 an environment could not be judged
     """
     privileged = policy_of(policy, common=True)
     with contextlib.ExitStack() as stack:

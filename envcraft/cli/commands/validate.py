@@ -62,8 +62,8 @@ class _ValidateCommand(Configured):
     "--wrap",
     multiple=True,
     metavar="MODULE:FUNC",
-    help="Apply this wrapper, of an installed module or one in the working directory, to each instance. Can be "
-    "repeated; the first is the innermost.",
+    help="Apply this wrapper to each instance. Its module is installed or in the working directory. Can be repeated; "
+    "the first is the innermost.",
 )
 @sandbox_options()
 @policy_option()
@@ -146,8 +146,10 @@ def validate(
     A TARGET is a Python file, a folder of such files, package.module:Class, or a registered id such as CartPole-v1.
 
     \b
-    Exit status: 0 no environment fails    1 at least one fails
-                 2 usage error                 3 an environment could not be judged
+    Exit status: 0 no environment fails
+                 1 at least one fails
+                 2 usage error
+                 3 an environment could not be judged
     """
     wanted, promised = read_reports(form, output, also), contract_named(contract)
     severity = severity_of(Path.cwd(), strict, select, ignore, baseline)

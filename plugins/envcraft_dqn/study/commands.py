@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from envcraft.cli import completion
+from envcraft.cli.group import ListingGroup
 from envcraft.cli.signals import uninterrupted
 from envcraft.errors import UsageError
 from envcraft_dqn.settings import AUGMENTATIONS, OBJECTIVES, SIZES
@@ -54,7 +55,7 @@ _TRAINING = (
 )
 
 
-@click.group()
+@click.group(cls=ListingGroup)
 def study() -> None:
     """Run experiments over many environments."""
 

@@ -76,8 +76,10 @@ def repair(ctx: click.Context, /, file: Path, output: Path | None, **options: An
     repair, which passes by doing less than the file did. It writes the result to --output or to standard output.
 
     \b
-    Exit status: 0 the file passes             1 it could not be repaired
-                 2 usage error                 3 it could not be judged, or no model answers
+    Exit status: 0 the file passes
+                 1 it could not be repaired
+                 2 usage error
+                 3 it could not be judged, or no model answers
     """
     from envcraft_llm.stages.repair import Repair
 
@@ -107,8 +109,10 @@ def privileged(ctx: click.Context, /, file: Path, output: Path | None, **options
     `envcraft validate FILE --policy POLICY` plays the policy again.
 
     \b
-    Exit status: 0 the policy wins, or the checker's own search does    1 neither does, or the game is trivial
-                 2 usage error                                          3 it could not be judged, or no model answers
+    Exit status: 0 the policy or a search of the checks wins
+                 1 neither wins, or the game is trivial
+                 2 usage error
+                 3 it could not be judged, or no model answers
     """
     from envcraft_llm.stages.privileged import Privileged
 
