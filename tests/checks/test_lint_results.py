@@ -162,6 +162,53 @@ def test_a_step_of_success_that_loses_its_reward(reward: str, success: str, warn
     assert [suspect.certain for suspect in unpaid_successes(Program(ast.parse(text)))] == [False] * warned
 
 
+@pytest.mark.parametrize(
+    ("reward", "costs"),
+    [
+        ("reward = -(5.0 if won else 0.0)", True),
+        ("reward = -float(won)", True),
+        ("reward = 0.0\nif won and self.hearts:\n    reward -= 5.0", True),
+        ("reward = -4.4 if won else -0.4", True),
+        ("reward = 1.0 if self.at else 0.0\nif won:\n    reward -= 2.0", True),
+        # A fee that is less than what the last of three pays.
+        ("if won:\n    reward -= 0.5", False),
+        # Winning costs less than losing.
+        ("reward = -0.1 if won else -1.0", False),
+        ("reward = 0.0\nif not won and self.hearts < 1:\n    reward = -5.0", False),
+        ("reward = 0.0\nif won or self.hearts < 1:\n    reward = -5.0", False),
+        ("reward = -1.0 if won else self.hearts", False),
+        # What it pays stands in another place.
+        ("reward = -float(won)\nif self.picked >= 3:\n    reward += 5.0", False),
+        ("reward = -float(won)\nif won:\n    reward += self.hearts", False),
+    ],
+)
+def test_success_that_costs(reward: str, costs: bool) -> None:
+    step = (
+        PICKED.format("1.0" if reward.startswith("if") else "0.0")
+        + f"won = self.picked >= 3\n{reward}"
+        + END.format("reward", "won", "won")
+    )
+    text = GAME.replace("STEP", textwrap.indent(step, " " * 8))
+    assert [suspect.certain for suspect in unpaid_successes(Program(ast.parse(text)))] == [True] * costs
+
+
+@pytest.mark.parametrize(("sign", "expected"), [("-", {"EC062"}), ("", set())])
+def test_a_prize_on_top_of_what_the_step_has_earned(sign: str, expected: set[str]) -> None:
+    advance = """
+    def _advance(self):
+        before = self.picked
+        if self.at in self.crates:
+            self.picked += self.hearts
+        gained = 0.5 * (self.picked - before)
+        if self.picked >= 3:
+            self.won = True
+            return gained + 4.0
+        return gained
+"""
+    end = END.format(f"{sign}self._advance()", "self.won", "self.won").lstrip()
+    assert found(GAME.replace("STEP", textwrap.indent(end, " " * 8)) + advance.lstrip("\n")) & {"EC062"} == expected
+
+
 LOSS = "if self.hearts < 1:\n    self.lost = True\n    reward {}= 1.0\n"
 GAIN = "reward += 0.1 * max(self.at - self.y, 0)\nif self.at > 70:\n    self.won = True\n    reward {}= 5.0\n"
 

@@ -43,7 +43,7 @@ def punished_successes(program: Program) -> Iterator[Suspect]:
     for way in ways:
         paid = [found for (one, _), found in blocks.items() if one == way]
         sums = [sum(_constant_part(write, program) for write in found) for found in paid]
-        known = all(found and all(write.amount is not None for write in found) for found in paid)
+        known = all(found and all(_is_known(write, program) for write in found) for found in paid)
         # Where the rest is calculated, a loss that pays shows that the sign is wrong.
         known = known or (way[1] == "true" and all(paid) and _pays_losing(program, writes))
         if paid and known and max(sums) < 0:
@@ -51,6 +51,18 @@ def punished_successes(program: Program) -> Iterator[Suspect]:
             # Where success itself pays, this may be its price.
             certain = not any(_is_prize(program, write, values) for write in writes)
             yield Suspect(first.line, f"pays {sums[0]:g} where self.{way[0]} brings success nearer", certain)
+
+
+def _is_known(write: Write, program: Program) -> bool:
+    """Whether what a place adds to the reward is a number, or what the step has earned before its block."""
+    function, block = write.scope.function, program.block(write.statement)
+    for term, _ in summands(write.value) if write.amount is None else ():
+        bound = [statement for target, _, statement in function.bindings if name_of(target) == name_of(term)]
+        changed = any(name_of(target) == name_of(term) for target, _ in function.writes)
+        earlier = isinstance(term, ast.Name) and bound and not changed and not any(each in block for each in bound)
+        if constant(term, write.scope, program) is None and not earlier:
+            return False
+    return True
 
 
 def _constant_part(write: Write, program: Program) -> float:
