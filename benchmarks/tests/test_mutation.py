@@ -18,7 +18,7 @@ TINY = """
 import gymnasium as gym
 import numpy as np
 
-LIMIT = 50
+LIMIT = 600
 
 
 class Lamps(gym.Env):
