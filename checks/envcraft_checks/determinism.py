@@ -70,7 +70,7 @@ from envcraft_checks.comparing import causes, conditions, modes, places, seeds
 from envcraft_checks.comparing.causes import REPEATS, TELEMETRY, Cause
 from envcraft_checks.comparing.states import first_field, in_words
 from envcraft_checks.comparing.traces import diverge, interrupted
-from envcraft_checks.comparing.writers import SHARED, Writers
+from envcraft_checks.comparing.writers import SHARED, Writers, object_of
 from envcraft_checks.linting.order import addresses
 from envcraft_checks.linting.program import program_of
 
@@ -378,7 +378,7 @@ class Determinism(Check):
     def _apart(self, subject: Subject, found: Iterable[Finding]) -> list[Finding]:
         """Findings without the second of one cause: what instances share also outlives the episode."""
         findings = list(found)
-        paths = [finding.evidence.get("state", {}).get("path", "self.") for finding in findings]
+        paths = [object_of(finding.evidence.get("state", {}).get("path", "self.")) for finding in findings]
         shared = {path for finding, path in zip(findings, paths, strict=True) if finding.code == "EC207"}
         same = [
             finding

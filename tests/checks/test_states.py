@@ -151,6 +151,35 @@ CAUSES = {
             "shown": _BAR.format("EPISODES * 3"),
         },
     ),
+    "a list of the module that another module's function changes": (
+        "EC206",
+        "NEST",
+        {
+            "top": "import heapq\nNEST = []\n",
+            "step": "heapq.heappush(NEST, self.lane)  # here",
+            "shown": _BAR.format("len(NEST)"),
+        },
+    ),
+    "a list of the module that a function of the file takes": (
+        "EC206",
+        "NEST",
+        {
+            "top": "NEST = [0, 0]\ndef lay(nest, egg):\n    nest[egg % 2] += 1  # here\n",
+            "step": "lay(NEST, self.lane)",
+            "shown": _BAR.format("NEST[0]"),
+        },
+    ),
+    "a dictionary of the module under another name": (
+        "EC207",
+        "PACE['owl']",
+        {
+            "top": "PACE = {'owl': 1}\n",
+            "made": "self.pace = PACE",
+            "reset": "self.pace['owl'] = 1",
+            "step": "self.pace['owl'] += 1  # here",
+            "shown": _BAR.format("self.pace['owl']"),
+        },
+    ),
     "a default argument": (
         "EC207",
         "Lane._put(where)",

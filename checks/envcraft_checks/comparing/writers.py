@@ -15,7 +15,7 @@ from envcraft.text import relative
 from envcraft_checks.linting.clock import clocks, readings
 from envcraft_checks.linting.generators import generators, kept_generators, seeded_draws
 from envcraft_checks.linting.leftovers import kept, leftovers, used_fields
-from envcraft_checks.linting.once import closures, constants, iterators, uncopied, uninitialised
+from envcraft_checks.linting.once import changes, closures, constants, iterators, uncopied, uninitialised
 from envcraft_checks.linting.order import addresses, orders, turns
 from envcraft_checks.linting.program import (
     Function,
@@ -172,6 +172,10 @@ class Writers:
             if self._project is not None and path.startswith("self."):
                 writes = [write for write in writes if not lines.isdisjoint(_lines(write[0]))]
         found = min(writes, key=rank, default=None)
+        shared = self.code in SHARED and not path.startswith("self.")
+        if found is None and shared and not self.suspects and self._program is not None:
+            changing = changes(self._program, _base(path))
+            return min(changing & lines or changing, default=None)
         return line(found[0]) if found is not None else None
 
     @cached_property
@@ -350,13 +354,19 @@ def _plain(path: str) -> str:
     return path[path.index("(") + 1 : -1] if _WRAPPED.match(path) else path
 
 
+def object_of(path: str) -> str:
+    """The name of the object of which a field is a part."""
+    return _plain(path).partition("[")[0]
+
+
 def _base(path: str) -> str:
     """The attribute of the environment or of a class, or the global, that leads to a field."""
     plain = _plain(path)
     if plain in _GENERATORS:
         return plain
     parts = re.split(r"[.\[(]", plain)
-    return parts[1] if len(parts) > 1 and (parts[0] == "self" or parts[0][:1].isupper()) else parts[0]
+    owned = parts[0] == "self" or (parts[0][:1].isupper() and plain.startswith(f"{parts[0]}."))
+    return parts[1] if len(parts) > 1 and owned else parts[0]
 
 
 def _last(path: str) -> str:

@@ -5,10 +5,13 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 
-from .program import MUTATORS, Function, Program, Suspect, bindings, line, name_of
+from .program import MUTATORS, Function, Program, Suspect, arguments, bindings, line, name_of, root
+from .sharing import writes_into
 
 #: Calls that make an iterator, which only ever goes on.
 _ITERATORS = frozenset({"builtins.iter", "itertools.cycle"})
+#: Functions that change what they read.
+_TAKES = frozenset({"heappop", "heappushpop", "heapreplace", "next"})
 #: What makes an array whose values are those of earlier objects.
 _EMPTY = frozenset({"numpy.empty", "numpy.empty_like"})
 
@@ -73,6 +76,39 @@ def _changes(function: Function, node: ast.AST, field: str) -> bool:
         case ast.AugAssign(target=target):
             return function.field(target) == field or _depth(function, target, field) > 0
     return _depth(function, node, field) > 0
+
+
+def changes(program: Program, name: str) -> set[int]:
+    """Return the lines of play that may change the object of a name of the module or a class, once play has shown that
+    some do: by another name, in a function that takes it, or in a call whose result nothing uses.
+    """
+    found: set[int] = set()
+    for function in program.all:
+        found |= {line(node) for target, node in function.writes if _refers(program, function, target, name)}
+        for node in function.nodes:
+            if not isinstance(node, ast.Call):
+                continue
+            if (called := program.called(node, function)) is not None:
+                for parameter, value in arguments(node, called):
+                    if _refers(program, function, value, name):
+                        found |= writes_into(program, called, parameter, set())
+                continue
+            takes = isinstance(program.parents[node], ast.Expr) or name_of(node) in _TAKES
+            if takes and any(_refers(program, function, each, name) for each in node.args):
+                found.add(line(node))
+    return found
+
+
+def _refers(program: Program, function: Function | None, node: ast.expr | None, name: str, depth: int = 3) -> bool:
+    """Whether an expression is the object of a name of the module or a class, or a part of it."""
+    node = root(node) if node is not None else None
+    if node is None or not depth or not isinstance(node, ast.Name | ast.Attribute):
+        return False
+    if name_of(node) == name and not (isinstance(node, ast.Name) and function is not None and name in function.local):
+        return True
+    if isinstance(node, ast.Name) and (function is None or node.id not in function.local):
+        return False
+    return any(_refers(program, one, value, name, depth - 1) for value, one in program.values(node, function))
 
 
 def closures(program: Program) -> Iterator[Suspect]:

@@ -319,11 +319,18 @@ def action_writes(program: Program, step: Function) -> list[int]:
         step: its method step().
     """
     parameters = [one.arg for one in [*step.node.args.posonlyargs, *step.node.args.args]][bool(step.me) :]
-    return sorted(_writes_into(program, step, parameters[0], set())) if parameters else []
+    return sorted(writes_into(program, step, parameters[0], set())) if parameters else []
 
 
-def _writes_into(program: Program, function: Function, name: str, seen: set[tuple[Function, str]]) -> set[int]:
-    """The lines that write into the object that a parameter names, here and in the functions that it is given to."""
+def writes_into(program: Program, function: Function, name: str, seen: set[tuple[Function, str]]) -> set[int]:
+    """The lines that write into the object that a parameter names, here and in the functions that it is given to.
+
+    Args:
+        program: the file.
+        function: the function with this parameter.
+        name: the parameter.
+        seen: functions and parameters that are known, to which these are added.
+    """
     if (function, name) in seen:
         return set()
     seen.add((function, name))
@@ -346,7 +353,7 @@ def _writes_into(program: Program, function: Function, name: str, seen: set[tupl
         elif (called := program.called(node, function)) is not None:
             for parameter, value in arguments(node, called):
                 if _is_same(value, name):
-                    found |= _writes_into(program, called, parameter, seen)
+                    found |= writes_into(program, called, parameter, seen)
     return found
 
 
