@@ -60,6 +60,7 @@ from envcraft.model.target import Kind, parse
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 
+from .linting.absorbed import absorbed_ends
 from .linting.actions import impossible_actions
 from .linting.clock import clocks
 from .linting.dead import late_results, repeated_tests
@@ -130,6 +131,7 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC059", short_comparisons),
     ("EC059", parts_read_twice),
     ("EC059", empty_slices),
+    ("EC059", absorbed_ends),
     ("EC061", wrong_results),
     ("EC062", punished_successes),
     ("EC062", unpaid_successes),

@@ -26,7 +26,7 @@ def late_pictures(program: Program) -> Iterator[Suspect]:
                 drawing = program.called(call, step)
                 later = step.node.body[number + 1 :]
                 if drawing is not None and not any(_draws(program, each, drawing, step) for each in later):
-                    yield from _moves(program, step, _calls(program, drawing), statement, later)
+                    yield from _moves(program, step, calls_of(program, drawing), statement, later)
 
 
 def _original(node: ast.expr) -> ast.expr:
@@ -43,7 +43,7 @@ def _draws(program: Program, statement: ast.stmt, drawing: Function, step: Funct
     return any(isinstance(node, ast.Call) and program.called(node, step) is drawing for node in ast.walk(statement))
 
 
-def _calls(program: Program, function: Function) -> set[Function]:
+def calls_of(program: Program, function: Function) -> set[Function]:
     """A function and the functions of the file that it may call."""
     found: set[Function] = set()
     waiting = [function]

@@ -13,7 +13,7 @@ from .program import Function, Program, Suspect, line, name_of
 _PURE = frozenset({"abs", "all", "any", "bool", "bool_", "float", "int", "len", "max", "min", "sum"})
 _CASTS = frozenset({"bool", "bool_"})
 #: The most conditions of a table of truth.
-_CONDITIONS = 10
+CONDITIONS = 10
 
 #: The value of a condition, by the values of its atoms.
 _Value = Callable[[Mapping[str, bool]], bool]
@@ -82,9 +82,9 @@ def _never_at_the_end(program: Program) -> Iterator[Suspect]:
         success = _success_in(info, step)
         if success is None:
             return
-        conditions = _Conditions(program, step, node)
+        conditions = Conditions(program, step, node)
         values = [conditions.of(each, node) for each in (success, terminated, truncated)]
-        if len(conditions.atoms) > _CONDITIONS:
+        if len(conditions.atoms) > CONDITIONS:
             return
         rows = list(conditions.rows())
         told = [row for row in rows if values[0](row)]
@@ -113,7 +113,7 @@ def _success_in(info: ast.expr, step: Function) -> ast.expr | None:
     return None if len(found) > 1 else found[0] if found else ast.Constant(False)
 
 
-class _Conditions:
+class Conditions:
     """Conditions of one return statement as functions of atoms, which are tests that the text does not take apart.
 
     A name that one statement of the method's own block binds stands for its value. The same text is the same atom
@@ -124,7 +124,7 @@ class _Conditions:
         self._program = program
         self._step = step
         self._end = end
-        self.atoms: dict[str, None] = {}
+        self.atoms: dict[str, tuple[ast.expr, ast.AST]] = {}
 
     def rows(self) -> Iterator[dict[str, bool]]:
         """All values of the atoms."""
@@ -148,7 +148,7 @@ class _Conditions:
                 return self.of(*bound)
         again = all(name_of(each) in _PURE for each in ast.walk(node) if isinstance(each, ast.Call))
         atom = f"{ast.unparse(node)} @{id(place)}{'' if again else f' {id(node)}'}"
-        self.atoms[atom] = None
+        self.atoms.setdefault(atom, (node, place))
         return lambda row: row[atom]
 
     def _binding(self, name: ast.Name) -> tuple[ast.expr, ast.AST] | None:
