@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from envcraft_checks.api import Api
 from envcraft_checks.endings.flags import flag_line
-from envcraft_checks.linting.generators import constant_seed
+from envcraft_checks.linting.generators import anew, constant_seed
 from envcraft_checks.linting.program import Program
 
 import envcraft
@@ -393,3 +393,76 @@ def test_the_line_that_fixes_the_seed(call: str, named: str | None) -> None:
     found = constant_seed(Program(ast.parse(source)))
     assert (source.splitlines()[found.line - 1].strip() if found else "").startswith(named or "")
     assert bool(found) == bool(named)
+
+
+@pytest.mark.parametrize(
+    ("seeding", "named"),
+    [
+        ("self.rng = np.random.default_rng(seed)", "default_rng(seed)"),
+        ("self.rng.seed(seed)", "self.rng.seed(seed)"),
+        (
+            "if seed is not None:\n            self.rng = np.random.default_rng(seed)\n"
+            "        else:\n            self.rng = np.random.default_rng()",
+            "default_rng()",
+        ),
+        ("self.rng = np.random.default_rng(seed)\n        self.other = np.random.default_rng(seed)", None),
+        ("self.rng = np.random.default_rng(3)", None),
+        ("pass", None),
+    ],
+)
+def test_the_line_that_makes_a_generator_anew_without_a_seed(seeding: str, named: str | None) -> None:
+    source = GAME.replace("self.at = int(", f"{seeding}\n        self.at = int(", 1)
+    found = anew(Program(ast.parse(source)))
+    if named is None:
+        assert found is None
+    else:
+        assert found is not None
+        assert source.splitlines()[found.line - 1].strip().endswith(named)
+        assert found.words.startswith("takes new numbers from the system where there is no seed: ")
+
+
+_CORRIDOR = """
+import gymnasium as gym
+import numpy as np
+
+
+class Corridor(gym.Env):
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 30}
+
+    def __init__(self, render_mode=None):
+        self.render_mode = render_mode
+        self.observation_space = gym.spaces.Box(0, 255, (84, 84, 3), np.uint8)
+        self.action_space = gym.spaces.MultiDiscrete([5, 2, 2])
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.at, self.steps = 5, 0
+        return self.render(), {}
+
+    def step(self, action):
+        self.at = (self.at + int(action[0]) - 2) % 84
+        self.steps += 1
+        LAST
+
+    def render(self):
+        return np.full((84, 84, 3), self.at, np.uint8)
+"""
+
+
+@pytest.mark.parametrize(
+    ("last", "named"),
+    [
+        ("return self.render(), 0.0, self.steps == 60, False, {}", "self.steps == 60"),
+        ("return self.render(), 0.0, False, self.steps == 60, {}", "self.steps == 60"),
+        ("won = self.steps == 60\n        return self.render(), 0.0, won, False, {}", "won = self.steps == 60"),
+        (
+            "won = self.steps == 60\n        won = bool(won)\n        return self.render(), 0.0, won, False, {}",
+            "return",
+        ),
+    ],
+)
+def test_an_episode_that_goes_on_names_what_decides_its_end(last: str, named: str) -> None:
+    text = _CORRIDOR.replace("LAST", last)
+    report = envcraft.validate(text, sandbox="process", budget="quick", checks="termination")
+    [found] = [found for check in report.reports[0].checks for found in check.findings if found.code == "EC505"]
+    assert named in text.splitlines()[(found.line or 0) - 1]

@@ -12,7 +12,7 @@ from envcraft.model.rollout import Conditions, Episode, Rollout
 from envcraft_checks.comparing.causes import TELEMETRY, Cause, by_reading, code_of, fewer_episodes
 from envcraft_checks.comparing.conditions import OTHER_STATE, SHIFTED
 from envcraft_checks.comparing.traces import diverge
-from envcraft_checks.linting.generators import constant_seed
+from envcraft_checks.linting.generators import anew, constant_seed
 from envcraft_checks.linting.program import Suspect, in_words, program_of
 
 if TYPE_CHECKING:
@@ -141,7 +141,11 @@ def unseeded(check: Check, subject: Subject, fixed: bool) -> Iterator[Finding]:
         if (found := diverge(alone, subject.rerun(after(0)), info=False)) is not None:
             words = f"after reset(seed={plain.seed}) and an episode, reset() gives another episode in each run: {found}"
             small = repro(after(0).cut(found.step))
-            yield check.finding("EC213", words, line=subject.line_of("reset"), repro=small, step=found.step)
+            program = program_of(subject)
+            cause = anew(program) if program is not None else None
+            words += f"; {in_words([cause])[0]}" if cause is not None else ""
+            line = cause.line if cause is not None else subject.line_of("reset")
+            yield check.finding("EC213", words, line=line, repro=small, step=found.step)
             return
     yield from _rendered(check, subject, after(0))
     later = (subject.rollout(after(count)) for count in range(1, _UNSEEDED + 1))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from envcraft.judging.shrink import repro
 from envcraft.model.rollout import Conditions
 from envcraft.text import plural
+from envcraft_checks.endings.flags import deciding_line
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -39,7 +40,7 @@ def find_events(check: Check, subject: Subject, traces: list[Trace]) -> Iterator
             "EC505",
             f"{plural(alive[0], 'step')} after its end at step {trace.steps} the episode continues: both flags are "
             "false again",
-            line=subject.line_of("step"),
+            line=deciding_line(subject, "terminated" if trace.terminated[-1] else "truncated"),
             repro=repro(rollout),
         )
         return

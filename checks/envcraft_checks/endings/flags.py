@@ -41,6 +41,25 @@ def flag_line(program: Program, flag: str, ran: frozenset[int] = frozenset()) ->
     return lines.pop() if len(lines) == 1 else None
 
 
+def deciding_line(subject: Subject, flag: str) -> int | Line:
+    """Return the line of step() that decides a flag; where several may, the one that returns it, or that of step().
+
+    Args:
+        subject: the environment.
+        flag: ``terminated`` or ``truncated``.
+    """
+    program = program_of(subject) if not subject.target.wrappers else None
+    step = program.method(program.env, "step") if program is not None else None
+    lines: set[int] = set()
+    for node in step.nodes if step is not None else ():
+        if isinstance(node, ast.Return) and isinstance(node.value, ast.Tuple) and len(node.value.elts) == _RESULTS:
+            returned = node.value.elts[_FLAGS[flag]]
+            values = [value for target, value, _ in step.bindings if ast.unparse(target) == ast.unparse(returned)]
+            every = (value for value in values or [returned] if not isinstance(value, ast.Constant))
+            lines |= {line(value) for value in every if value is not None}
+    return lines.pop() if len(lines) == 1 else line_of_result(subject, "step", _FLAGS[flag])
+
+
 def returned_flags(subject: Subject) -> tuple[int | Line, str]:
     """Where step() returns its flags, and how they are misplaced, as far as their names say.
 

@@ -96,8 +96,8 @@ def _seeded_once(program: Program) -> Iterator[Suspect]:
     yield from kept_generators(program)
     read = {name_of(node) for one in program.play for node in one.nodes if isinstance(node, ast.Name | ast.Attribute)}
     bodies = (node for owner in program.lineage(program.env) for node in program.classes[owner].body)
-    anew = {name_of(target) for one in program.play for target, _, _ in one.bindings}
-    anew |= {
+    renewed = {name_of(target) for one in program.play for target, _, _ in one.bindings}
+    renewed |= {
         name_of(node.value)
         for one in program.play
         for node in one.nodes
@@ -105,7 +105,7 @@ def _seeded_once(program: Program) -> Iterator[Suspect]:
     }
     for target, value, node in bindings([*program.module_nodes, *bodies]):
         made = isinstance(value, ast.Call) and program.path(value.func) in _MAKERS and not _unseeded(value)
-        if made and name_of(target) in read - anew:
+        if made and name_of(target) in read - renewed:
             yield Suspect(line(node), f"creates {name_of(target)} with a fixed seed once for all instances")
 
 
@@ -133,6 +133,26 @@ def constant_seed(program: Program) -> Suspect | None:
                 words = f"seeds with a constant: {ast.unparse(node)[:60]}"
                 found.setdefault(line(node), Suspect(line(node), words, certain=isinstance(node, ast.Call)))
     return found.popitem()[1] if len(found) == 1 else None
+
+
+def anew(program: Program) -> Suspect | None:
+    """The line of reset() that makes or seeds a generator anew where it receives no seed; None if there is none or
+    several.
+    """
+    unseeded, passed = {}, {}
+    for function in program.reached("reset"):
+        for node in function.nodes:
+            if not isinstance(node, ast.Call):
+                continue
+            makes = program.path(node.func, function) in _MAKERS
+            given = [*node.args, *(keyword.value for keyword in node.keywords)]
+            if makes and _unseeded(node):
+                unseeded[line(node)] = node
+            elif (makes or name_of(node.func) == "seed") and any(name_of(each) == "seed" for each in given):
+                passed[line(node)] = node
+    for number, node in (unseeded or passed).items() if len(unseeded or passed) == 1 else ():
+        return Suspect(number, f"takes new numbers from the system where there is no seed: {ast.unparse(node)[:60]}")
+    return None
 
 
 def _is_number(node: ast.AST) -> bool:
