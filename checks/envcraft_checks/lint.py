@@ -13,8 +13,8 @@ that a count may skip, such as hearts that an enemy takes in twos.
 
 EC059 also reports a step limit in digits that is not the one which the code declares and uses elsewhere, a reward that
 step() decides after it has paid the reward of its last step, `all(a == b for a, b in zip(...))` of a list that may
-be empty, a use of an action under a test that is never true, and a test of an area that starts at -1, where a slice has
-no cells.
+be empty, a use of an action under a test that is never true, a test of an area that starts at -1, where a slice has
+no cells, and a reason for the end that never makes terminated true.
 
 EC061 is about what step() returns: flags in each other's place, an info that is no dict, and one without the key for
 success that the info of another end has. EC062 is about each branch that brings success nearer: its rewards are

@@ -1,4 +1,4 @@
-"""What the check lint reports about ends of the episode that the code lists, and that decide nothing."""
+"""What the check lint reports about ends of the episode that the code lists, and that never end it."""
 
 from __future__ import annotations
 
@@ -43,11 +43,27 @@ def reports(over: str, flag: str, look: str = "return self.at") -> list[str]:
         ("won or lost", "(over) and bool(won)", "self.hearts <= 0"),
         ("self.won or self.lost", "over and self.won", "self.lost"),
         ("self.won or self.at < 0", "over and self.won", "self.at < 0"),
+        ("won or lost", "over and not won", "self.at == 9"),
+        ("self.won or self.lost", "(over) and not (self.won)", "self.won"),
         ("0", "won and (won or lost)", "self.hearts <= 0"),
     ],
 )
-def test_an_end_that_decides_nothing(over: str, flag: str, idle: str) -> None:
-    assert reports(over, flag) == [f"lists {idle} as an end, which never decides terminated"]
+def test_an_end_that_never_ends(over: str, flag: str, idle: str) -> None:
+    assert reports(over, flag) == [f"lists {idle} as an end, which never makes terminated true"]
+
+
+@pytest.mark.parametrize(
+    ("over", "flag"),
+    [
+        ("won", "over and not won"),
+        ("not len(self.items)", "over and not (not len(self.items))"),
+        ("self.won", "over and not self.won"),
+    ],
+)
+def test_a_flag_that_is_never_true(over: str, flag: str) -> None:
+    [words] = reports(over, flag)
+    assert words.startswith("returns over and (not ")
+    assert words.endswith(" as terminated, which is never true")
 
 
 @pytest.mark.parametrize(
@@ -55,7 +71,6 @@ def test_an_end_that_decides_nothing(over: str, flag: str, idle: str) -> None:
     [
         ("won or lost", "over"),
         ("won or lost", "over and self.steps > 1"),
-        ("won or lost", "over and not won"),
         ("won or (won and lost)", "over"),
         ("won", "over"),
         ("won and lost", "over and won"),
@@ -63,7 +78,7 @@ def test_an_end_that_decides_nothing(over: str, flag: str, idle: str) -> None:
         ("self.is_won() or lost", "over and self.is_won()"),
     ],
 )
-def test_an_end_that_decides_something(over: str, flag: str) -> None:
+def test_an_end_that_may_end(over: str, flag: str) -> None:
     assert not reports(over, flag)
 
 

@@ -1,4 +1,4 @@
-"""Ends of the episode that the code lists, and that decide nothing."""
+"""Ends of the episode that the code lists, and that never end it."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import ast
 from collections.abc import Iterator
 
 from .late import calls_of
-from .program import Function, Program, Suspect, line
-from .success import CONDITIONS, Conditions
+from .program import Function, Program, Suspect, line, name_of
+from .success import CONDITIONS, PURE, Conditions
 
 _TERMINATED, _RESULTS = 2, 5
 
 
 def absorbed_ends(program: Program) -> Iterator[Suspect]:
-    """Find a reason for the end that never changes the flag, as ``lost`` does not in ``(won or lost) and won``."""
+    """Find a reason for the end that never makes the flag true, as ``lost`` does not in ``(won or lost) and won``."""
     step = program.method(program.env, "step")
     ends = [node for node in step.nodes if isinstance(node, ast.Return)] if step is not None else []
     if (
@@ -26,19 +26,19 @@ def absorbed_ends(program: Program) -> Iterator[Suspect]:
     end, flag = ends[0], ends[0].value.elts[_TERMINATED]
     conditions = Conditions(program, step, end)
     value = conditions.of(flag, end)
-    if not 1 < len(conditions.atoms) <= CONDITIONS:
+    if not 0 < len(conditions.atoms) <= CONDITIONS:
         return
     same = [atoms for atoms in _alike(program, step, conditions, end) if len(atoms) > 1]
     rows = [row for row in conditions.rows() if all(len({row[each] for each in atoms}) == 1 for atoms in same)]
     if not any(map(value, rows)):
+        yield Suspect(line(flag), f"returns {ast.unparse(flag)[:60]} as terminated, which is never true")
         return
     listed = {ast.unparse(part) for part in _listed(program, step, flag)}
     for atom, (node, _) in conditions.atoms.items():
         group = next((atoms for atoms in same if atom in atoms), [atom])
-        if ast.unparse(node) in listed and not any(
-            value(row) != value({**row, **dict.fromkeys(group, not row[atom])}) for row in rows
-        ):
-            yield Suspect(line(node), f"lists {ast.unparse(node)[:40]} as an end, which never decides terminated")
+        true, false = (dict.fromkeys(group, holds) for holds in (True, False))
+        if ast.unparse(node) in listed and not any(value(row | true) and not value(row | false) for row in rows):
+            yield Suspect(line(node), f"lists {ast.unparse(node)[:40]} as an end, which never makes terminated true")
             return
 
 
@@ -77,7 +77,7 @@ def _alike(program: Program, step: Function, conditions: Conditions, end: ast.Re
 
 def _stay(program: Program, step: Function, node: ast.expr, statements: list[ast.stmt]) -> bool:
     """Whether some statements change nothing that an expression reads, which calls no function of the file."""
-    if any(isinstance(part, ast.Call) for part in ast.walk(node)):
+    if any(isinstance(part, ast.Call) and name_of(part) not in PURE for part in ast.walk(node)):
         return False
     names = {part.id for part in ast.walk(node) if isinstance(part, ast.Name)} - {step.me}
     fields = {step.field(part) for part in ast.walk(node)} - {""}

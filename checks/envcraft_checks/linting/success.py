@@ -10,7 +10,7 @@ from .logic import is_false, names_success
 from .program import Function, Program, Suspect, line, name_of
 
 #: Calls that give the same value again at once, and those that only make a bool.
-_PURE = frozenset({"abs", "all", "any", "bool", "bool_", "float", "int", "len", "max", "min", "sum"})
+PURE = frozenset({"abs", "all", "any", "bool", "bool_", "float", "int", "len", "max", "min", "sum"})
 _CASTS = frozenset({"bool", "bool_"})
 #: The most conditions of a table of truth.
 CONDITIONS = 10
@@ -146,7 +146,7 @@ class Conditions:
                 return self.of(operand, place)
             case ast.Name() if (bound := self._binding(node)) is not None:
                 return self.of(*bound)
-        again = all(name_of(each) in _PURE for each in ast.walk(node) if isinstance(each, ast.Call))
+        again = all(name_of(each) in PURE for each in ast.walk(node) if isinstance(each, ast.Call))
         atom = f"{ast.unparse(node)} @{id(place)}{'' if again else f' {id(node)}'}"
         self.atoms.setdefault(atom, (node, place))
         return lambda row: row[atom]
