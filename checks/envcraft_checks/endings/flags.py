@@ -50,8 +50,10 @@ def deciding_line(subject: Subject, flag: str) -> int | Line:
     """
     program = program_of(subject) if not subject.target.wrappers else None
     step = program.method(program.env, "step") if program is not None else None
+    if step is None:
+        return subject.line_of("step")
     lines: set[int] = set()
-    for node in step.nodes if step is not None else ():
+    for node in step.nodes:
         if isinstance(node, ast.Return) and isinstance(node.value, ast.Tuple) and len(node.value.elts) == _RESULTS:
             returned = node.value.elts[_FLAGS[flag]]
             values = [value for target, value, _ in step.bindings if ast.unparse(target) == ast.unparse(returned)]
