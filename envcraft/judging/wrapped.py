@@ -50,8 +50,8 @@ def with_wrappers_named(check: Check, subject: Subject, finding: Finding) -> Fin
         if alone is not None:
             return msgspec.structs.replace(finding, line=alone.line)
         words = f"without {names} it does not occur"
-        # Only the line of an exception certainly ran.
-        vague = vague or "traceback" not in finding.evidence
+    # What play shows may be the wrappers' doing: only the line of an exception certainly ran.
+    vague = vague or "traceback" not in finding.evidence
     line = subject.line_of().number if vague else finding.line
     return msgspec.structs.replace(finding, message=f"{finding.message}; {words}", line=line)
 
@@ -71,8 +71,11 @@ def _alone(check: Check, subject: Subject, finding: Finding) -> Finding | None:
         found = check.find(played, played.rollout(rollout))
         return next((one for one in found if one.code == finding.code), None)
 
-    if type(check).find is Check.find or shown(subject) is None:
-        raise _Unknown
     if any(validate_action(bare.action_space, action) for action in rollout.actions):
         raise _Unknown
-    return shown(bare)
+    if shown(subject) is not None:
+        return shown(bare)
+    if finding.repro.conditions and type(check).confirm is not Check.confirm:
+        # The check only compares this episode with the same one under these conditions.
+        return check.confirm(bare, finding)
+    raise _Unknown

@@ -168,6 +168,17 @@ class Draws(gym.RewardWrapper):
         return random.random()
 
 
+class Grows(gym.Wrapper):
+    def reset(self, **options):
+        self.steps = 0
+        return self.env.reset(**options)
+
+    def step(self, action):
+        self.steps += 1
+        observation, reward, *rest = self.env.step(action)
+        return observation, float(self.steps), *rest
+
+
 class More(gym.Wrapper):
     action_space = gym.spaces.Discrete(9)
 
@@ -183,7 +194,7 @@ _WITHOUT = "; without the wrapper wrappers:{} it does not occur"
         (["Halved"], "EC108", "class Walk", _WITHOUT.format("Halved")),
         (["Nothing"], "EC301", "class Walk", _WITHOUT.format("Nothing")),
         (["Refuses"], "EC008", "class Walk", f"wrappers.py line 18: I do not want this{_WITHOUT.format('Refuses')}"),
-        (["Draws"], "EC204", "class Walk", "; judged in the wrapper wrappers:Draws"),
+        (["Draws"], "EC204", "class Walk", _WITHOUT.format("Draws")),
         (
             ["Quiet", "Halved"],
             "EC108",
@@ -223,6 +234,26 @@ def test_a_finding_of_the_environment_alone_names_no_wrapper(invoke: Invoke, goo
     assert "wrapper" not in found["EC108"]["message"]
     line = good.read_text().splitlines()[found["EC108"]["line"] - 1].strip()
     assert line == "return self.render() / 2, {}"
+
+
+def test_a_draw_of_the_environment_alone_names_its_line_and_no_wrapper(invoke: Invoke, good: Path) -> None:
+    source = ENVIRONMENT.replace("import gymnasium", "import random\n\nimport gymnasium", 1)
+    place = source.index("        super().reset(seed=seed)\n")
+    drawn = source[:place] + source[place:].replace(
+        "seed=seed)\n", "seed=seed)\n        self.luck = random.random()\n", 1
+    )
+    good.write_text(drawn.replace("return self.render(), {}", 'return self.render(), {"luck": self.luck}'))
+    found = _wrapped(invoke, good, ["Quiet"])
+    assert "wrapper" not in found["EC204"]["message"]
+    assert "luck" in good.read_text().splitlines()[found["EC204"]["line"] - 1]
+
+
+def test_a_loop_that_a_wrapper_pays_names_no_line_that_the_environment_pays_at(invoke: Invoke, good: Path) -> None:
+    good.write_text(ENVIRONMENT)
+    found = _wrapped(invoke, good, ["Grows"])
+    assert found["EC304"]["message"].endswith("; judged in the wrapper wrappers:Grows")
+    line = good.read_text().splitlines()[found["EC304"]["line"] - 1].strip()
+    assert line.startswith("class Walk")
 
 
 def test_a_finding_of_actions_that_only_a_wrapper_allows_names_it(invoke: Invoke, good: Path) -> None:
