@@ -10,6 +10,7 @@ from tests.checks.lint_games import found
 
 GAME = """
 import gymnasium as gym
+import numpy as np
 GEMS = 6
 class Game(gym.Env):
     action_space = gym.spaces.MultiDiscrete([5, 2, 2])
@@ -17,9 +18,12 @@ class Game(gym.Env):
         self.total, self.old = 0, []
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
-        self.at, self.steps, self.count, self.bonus = 0, 0, 0, 0
+        self.at, self.steps, self.count, self.bonus, self.knocked = 0, 0, 0, 0, 0
         self.gems = [int(self.np_random.integers(9)) for _ in range(GEMS)]
         self.open = [True] * GEMS
+        self.lit = [False] * len(self.open)
+        half = self.np_random.random((2, 3)) < 0.7
+        self.wall = np.concatenate([half, half[:, ::-1]], axis=1)
         self.doors = [{"at": n, "shut": True} for n in range(4)]
         self.keys = []
         for n in range(3):
@@ -31,6 +35,11 @@ class Game(gym.Env):
         self.at += int(action[0])
 STEP
         return self.at, 0.0, won, self.steps >= 900, {"is_success": won}
+    def knock(self, row, column):
+        if not (self.at > 2 and self.wall[row, column]):
+            return len(np.argwhere(self.wall)) + self.wall.sum()
+        self.wall[row, column] = False
+        self.knocked += 1
     def refill(self):
         self.gems = [1, 2, 3]
         self.open[0] = True
@@ -43,6 +52,8 @@ SHUT = (
     "for door in self.doors:\n    if door['shut'] and door['at'] == self.at:\n"
     "        door['shut'] = False\n        self.count += 1\n"
 )
+KNOCK = "self.knock(self.at % 2, self.at % 6)\n"
+LIGHT = "self.lit[self.at] = True\n"
 SLAM = "for door in self.doors:\n    door['shut'] = True\n"
 
 
@@ -57,6 +68,8 @@ def codes(step: str) -> set[str]:
         TAKE + "won = self.count >= GEMS + 1",
         OPEN + "won = self.count > 6",
         SHUT + "won = self.count == 5",
+        KNOCK + "won = self.knocked > 12",
+        LIGHT + "won = sum(self.lit) > 6",
         "won = len(self.keys) > 3",
         "won = self.left() >= 4",
         "won = len([gem for gem in self.gems if gem > 3]) > GEMS",
@@ -74,6 +87,10 @@ def test_a_threshold_above_the_number_of_things(step: str) -> None:
         TAKE + "won = self.count >= GEMS",
         OPEN + "won = self.count == 6",
         SHUT + "won = self.count == 4",
+        KNOCK + "won = self.knocked >= 12",
+        KNOCK + "self.wall[0, 0] = True\nwon = self.knocked > 12",
+        LIGHT + "won = sum(self.lit) >= 6",
+        LIGHT + "self.lit[0] = 9\nwon = sum(self.lit) > 6",
         "won = len(self.keys) >= 3",
         "won = sum(gem for gem in self.gems) > GEMS",
         # The level is filled again.

@@ -18,6 +18,8 @@ _READERS = frozenset({"all", "any", "bool", "enumerate", "len", "max", "min", "r
 _COPIES = frozenset({"array", "asarray", "deque", "enumerate", "list", "reversed", "set", "sorted", "tuple"})
 _DRAWN = frozenset({"choice", "integers", "normal", "permutation", "random", "uniform"})
 _FILLED = frozenset({"empty", "full", "ones", "zeros"})
+_FINDERS = frozenset({"argwhere", "count_nonzero", "flatnonzero", "nonzero"})
+_JOINING = frozenset({"concatenate", "hstack", "stack", "vstack"})
 _DEPTH = 4
 
 
@@ -81,17 +83,25 @@ class Lengths:
                 return math.prod(self.of(part.iter, method, depth) for part in parts)
             case ast.BinOp(left=ast.List() as items, op=ast.Mult(), right=times):
                 return self._times(self.of(items, method, depth), times, method)
+            case ast.Compare(left=left, comparators=[ast.Constant()]):
+                return self.of(left, method, depth)
+            case ast.Call(func=ast.Attribute(attr=name), args=[ast.List(elts=parts), *_]) if name in _JOINING:
+                return sum(self.of(part, method, depth) for part in parts)
             case ast.Call(func=ast.Name(id="range"), args=[end]):
                 return self._times(1, end, method)
             case ast.Call(func=ast.Name(id=name) | ast.Attribute(attr=name), args=[inner, *_]) if name in _COPIES:
                 return self.of(inner, method, depth)
             case ast.Call(func=ast.Attribute(attr=name), args=[first, *more], keywords=keywords) if name in _DRAWN:
                 size = next((each.value for each in keywords if each.arg == "size"), None)
-                place = {"permutation": 0, "choice": 1, "integers": 2}.get(name, math.inf)
+                place = {"random": 0, "permutation": 0, "choice": 1, "integers": 2}.get(name, math.inf)
                 size = size or next((each for at, each in enumerate([first, *more]) if at == place), None)
                 return self._times(1, size, method)
             case ast.Call(func=ast.Attribute(attr=name), args=[size, *_]) if name in _FILLED:
                 return self._times(1, size, method)
+            case ast.Subscript(value=value, slice=ast.Tuple(elts=parts)) if all(
+                isinstance(each, ast.Slice) for each in parts
+            ):
+                return self.of(value, method, depth)
             case ast.Subscript(slice=ast.Slice(lower=lower, upper=ast.expr() as upper, step=None)):
                 low, high = self._constant(lower, method) if lower else 0, self._constant(upper, method)
                 return high - low if low is not None and high is not None and 0 <= low <= high else math.inf
@@ -103,7 +113,24 @@ class Lengths:
                 return self.most(field, depth - 1)
         return math.inf
 
+    def are_flags(self, field: str) -> bool:
+        """Whether all items of an attribute are True or False, or arrays of these."""
+        if not self._is_private(field):
+            return False
+        for method in self._methods:
+            for target, value, _ in method.bindings:
+                if method.field(target) == field and not _are_flags(value, method):
+                    return False
+            for target, node in method.writes:
+                if method.field(target) == field and not isinstance(_stored(self._program.parents[node]), bool):
+                    return False
+        return True
+
     def _times(self, items: float, times: ast.AST | None, method: Function) -> float:
+        if isinstance(times, ast.Call) and isinstance(times.func, ast.Name) and times.func.id == "len" and times.args:
+            return items * self.of(times.args[0], method)
+        if isinstance(times, ast.Tuple) and times.elts:
+            return math.prod([items, *(self._times(1, each, method) for each in times.elts)])
         number = self._constant(times, method)
         return items * number if number is not None and number >= 0 else math.inf
 
@@ -186,11 +213,10 @@ class Lengths:
         """Whether a test says that a place does not have its new value yet, and play never gives it the old one."""
         text = ast.unparse(place)
         before = text if not value else f"not {text}"
-        tests: list[ast.expr] = []
+        tests = _left_behind(place, parent)
         while parent is not method.node:
             if isinstance(parent, ast.If):
-                is_or = isinstance(parent.test, ast.BoolOp) and isinstance(parent.test.op, ast.Or)
-                tests += parent.test.values if isinstance(parent.test, ast.BoolOp) and not is_or else [parent.test]
+                tests += _parts(parent.test)
             parent = self._program.parents[parent]
         return any(ast.unparse(test) == before for test in tests) and all(
             _stored(self._program.parents[node]) is value
@@ -198,6 +224,23 @@ class Lengths:
             for node in each.nodes
             if _is_alike(node, place, each, method)
         )
+
+
+def _parts(test: ast.expr) -> list[ast.expr]:
+    """The tests that all hold where a test does."""
+    return test.values if isinstance(test, ast.BoolOp) and isinstance(test.op, ast.And) else [test]
+
+
+def _left_behind(place: ast.AST, parent: ast.AST) -> list[ast.expr]:
+    """The tests without which the block of a place is left before it."""
+    found: list[ast.expr] = []
+    for statement in getattr(parent, "body", []):
+        match statement:
+            case ast.If(test=ast.UnaryOp(op=ast.Not(), operand=test), body=[ast.Return()], orelse=[]):
+                found += _parts(test)
+            case _ if any(node is place for node in ast.walk(statement)):
+                return found
+    return []
 
 
 def _is_alike(node: ast.AST, place: ast.Subscript | ast.Attribute, function: Function, method: Function) -> bool:
@@ -218,7 +261,9 @@ def _is_read(node: ast.Attribute, parent: ast.AST) -> bool:
     """Whether the object of an attribute has no other name after an expression, or whether the attribute is bound."""
     match parent:
         case ast.Attribute(attr=attr):
-            return attr in MUTATORS | {"copy", "count", "index"}
+            return attr in MUTATORS | {"all", "any", "copy", "count", "index", "max", "min", "size", "sum", "tolist"}
+        case ast.Call(func=ast.Attribute(value=ast.Name(id="np" | "numpy"), attr=name)) if name in _FINDERS:
+            return True
         case ast.Call(func=ast.Name(id=name)):
             return name in _READERS | _COPIES
         case ast.Assign(targets=targets):
@@ -233,6 +278,16 @@ def _is_read(node: ast.Attribute, parent: ast.AST) -> bool:
 def _stored(statement: ast.AST) -> object:
     value = statement.value if isinstance(statement, ast.Assign) else None
     return value.value if isinstance(value, ast.Constant) else None
+
+
+def _are_flags(value: ast.expr | None, method: Function) -> bool:
+    """Whether an expression has only True and False as items."""
+    match value:
+        case ast.BinOp(left=ast.List() as items, op=ast.Mult()):
+            return _are_flags(items, method)
+        case ast.List(elts=elts):
+            return all(isinstance(each, ast.Constant) and isinstance(each.value, bool) for each in elts)
+    return False
 
 
 def _shrinks(value: ast.expr | None, field: str, method: Function) -> bool:

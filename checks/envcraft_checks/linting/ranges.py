@@ -218,6 +218,9 @@ class Ranges:
                 return 0, self.lengths.of(items, method)
             case ast.Call(func=ast.Name(id="sum"), args=[ast.GeneratorExp() | ast.ListComp() as items]) if method:
                 return (0, self.lengths.of(items, method)) if _is_bool(items.elt) else everything
+            case ast.Call(func=ast.Name(id="sum"), args=[ast.Attribute() as items]) if method and method.field(items):
+                flags = self.lengths.are_flags(method.field(items))
+                return (0, self.lengths.of(items, method)) if flags else everything
             case ast.Call() if method is not None and (called := self.program.called(node, method)) is not None:
                 return self._returned(called)
             case ast.BinOp(op=ast.Mod(), right=right):
