@@ -53,6 +53,7 @@ SHUT = (
     "        door['shut'] = False\n        self.count += 1\n"
 )
 KNOCK = "self.knock(self.at % 2, self.at % 6)\n"
+LIMITED = "truncated = self.steps >= 900\n"
 LIGHT = "self.lit[self.at] = True\n"
 SLAM = "for door in self.doors:\n    door['shut'] = True\n"
 
@@ -69,6 +70,7 @@ def codes(step: str) -> set[str]:
         OPEN + "won = self.count > 6",
         SHUT + "won = self.count == 5",
         KNOCK + "won = self.knocked > 12",
+        LIMITED + "self.bonus = self.bonus + 1 if self.at > 3 else 0\nwon = self.bonus > 999",
         LIGHT + "won = sum(self.lit) > 6",
         "won = len(self.keys) > 3",
         "won = self.left() >= 4",
@@ -88,6 +90,8 @@ def test_a_threshold_above_the_number_of_things(step: str) -> None:
         OPEN + "won = self.count == 6",
         SHUT + "won = self.count == 4",
         KNOCK + "won = self.knocked >= 12",
+        LIMITED + "self.bonus = self.bonus + 1 if self.at > 3 else 0\nwon = self.bonus > 800",
+        LIMITED + "self.bonus = self.bonus + self.at if self.at > 3 else 0\nwon = self.bonus > 999",
         KNOCK + "self.wall[0, 0] = True\nwon = self.knocked > 12",
         LIGHT + "won = sum(self.lit) >= 6",
         LIGHT + "self.lit[0] = 9\nwon = sum(self.lit) > 6",

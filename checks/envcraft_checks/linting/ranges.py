@@ -107,19 +107,24 @@ class Ranges:
     def _gained(self, field: str) -> float:
         """The most that a sum of constants can reach before the step limit, infinity if nothing limits it."""
         total, limit = 0.0, self._limit
+        added: list[tuple[ast.operator, ast.expr, ast.AST, Function]] = []
         for method in self.methods:
-            for target, value, _ in method.bindings:
-                if method.field(target) == field and (start := self.constant(value, method)) is None:
-                    return math.inf
-                if method.field(target) == field:
-                    total = max(total, start or 0.0)
-        for method in self.methods:
+            for target, value, statement in method.bindings:
+                for part in _choices(value) if method.field(target) == field else ():
+                    if isinstance(part, ast.BinOp) and method.field(part.left) == field:
+                        added.append((part.op, part.right, statement, method))
+                        continue
+                    if (start := self.constant(part, method)) is None:
+                        return math.inf
+                    total = max(total, start)
             for node in method.nodes:
                 if isinstance(node, ast.AugAssign) and method.field(node.target) == field:
-                    step = self.constant(node.value, method)
-                    if step is None or not isinstance(node.op, ast.Add | ast.Sub) or not self._once(node, method):
-                        return math.inf
-                    total += limit * max(step if isinstance(node.op, ast.Add) else -step, 0.0)
+                    added.append((node.op, node.value, node, method))
+        for op, value, node, method in added:
+            step = self.constant(value, method)
+            if step is None or not isinstance(op, ast.Add | ast.Sub) or not self._once(node, method):
+                return math.inf
+            total += limit * max(step if isinstance(op, ast.Add) else -step, 0.0)
         return total
 
     @cached_property
@@ -312,6 +317,11 @@ class Ranges:
             )
         # A name of the module is constant if it is written like one.
         return not name.isupper()
+
+
+def _choices(value: ast.expr | None) -> list[ast.expr | None]:
+    """The values of which an expression is one."""
+    return [*_choices(value.body), *_choices(value.orelse)] if isinstance(value, ast.IfExp) else [value]
 
 
 def _is_bool(node: ast.expr) -> bool:
