@@ -175,18 +175,6 @@ class Source:
             and isinstance(limit, ast.Name | ast.Attribute | ast.Constant)
         ]
 
-    def number(self, node: ast.expr) -> int | None:
-        """The whole number that an expression names: itself, or by one assignment of the file."""
-        if isinstance(node, ast.Name | ast.Attribute):
-            name = self.of(node).rpartition(".")[2]
-            bound = [
-                assignment.value
-                for assignment in nodes(self.tree, ast.Assign)
-                if any(self.of(target).rpartition(".")[2] == name for target in assignment.targets)
-            ]
-            node = bound[0] if len(bound) == 1 else node
-        return node.value if isinstance(node, ast.Constant) and isinstance(node.value, int) else None
-
     @cached_property
     def picture(self) -> ast.FunctionDef | None:
         """The method whose result is the observation: where ``step`` gets it, past methods that only pass it on."""

@@ -18,7 +18,7 @@ TINY = """
 import gymnasium as gym
 import numpy as np
 
-LIMIT = 600
+LIMIT = 50
 
 
 class Lamps(gym.Env):

@@ -8,8 +8,6 @@ from benchmarks.mutation.operator import Places, operator
 from benchmarks.mutation.operators.parts import TERMINATED, TRUNCATED, result
 from benchmarks.mutation.source import Source
 
-#: The most steps of an episode under the contract `arcade`, and of a game that its adapter limits.
-_STEPS = 1_000
 _ENDS = ("EC50", "EC05")
 
 
@@ -29,9 +27,8 @@ def limit_too_late(game: Source) -> Places:
 
 @operator("EC501", "EC05")
 def limit_per_level(game: Source) -> Places:
-    """Start the step counter again at an event, if two such episodes are longer than the contract allows."""
-    bounds = [game.number(limit.comparators[0]) for limit in game.limits]
-    if game.counter is not None and any(2 * (bound or 0) > _STEPS for bound in bounds):
+    """Start the step counter again at an event."""
+    if game.counter is not None and game.limits:
         for event in game.events:
             yield [game.after(event, f"{game.counter} = 0")]
 
