@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
 from fnmatch import fnmatchcase
@@ -17,7 +18,7 @@ from envcraft.corpus.store.environments import EnvironmentRow
 from envcraft.corpus.trust import contract_of, last_verdicts
 from envcraft.errors import UsageError
 from envcraft.judging.settings import contract_digest
-from envcraft.judging.verdict_cache import CachedVerdict, cached
+from envcraft.judging.verdict_cache import CachedVerdict, cached, last_contract
 from envcraft.model.contract import Contract
 from envcraft.model.project import with_project
 from envcraft.model.target import Kind, Project, kind_of, read_target
@@ -81,6 +82,8 @@ class EnvSource(msgspec.Struct, frozen=True):
         # A file of no audited folder needs no audit of the whole folder.
         command = f"audit {self.folder}" if self.audited else f"validate {self.name}"
         step = f"`envcraft {command}{option}` judges it"
+        if not option and not self.audited:
+            step += " (with --contract NAME, if it is made for another contract)"
         if self.verdict is Verdict.FAIL:
             shown = f"corpus show {self.folder} {self.entry}" if self.entry else f"validate {self.path}{option}"
             step = f"`envcraft {shown}` says why"
@@ -142,7 +145,7 @@ def resolve(target: str | os.PathLike[str], name: str | None = None, contract: s
         target: A corpus, a folder that was audited, or a Python file.
         name: An environment of the corpus; optional if the corpus has exactly one.
         contract: The contract; by default the one under which the environment has passed, the last of several, else
-            ``arcade``.
+            that of its last verdict, else ``arcade``.
 
     Returns:
         The source, with its last verdict under the contract.
@@ -226,7 +229,7 @@ def _validated(audited: EnvSource, contract: str | None) -> EnvSource:
         if wanted in (None, kept.settings.contract) and _current(kept, audited.project):
             by_contract.setdefault(kept.settings.contract, []).append(kept)
     if not by_contract:
-        return audited
+        return audited if audited.verdict is not None or contract else _as_judged_before(audited)
     failed = {name for name, given in by_contract.items() if any(one.verdict is Verdict.FAIL for one in given)}
     # Another budget or seed does not revoke a finding.
     name = next((name for name in by_contract if name not in failed), next(iter(by_contract)))
@@ -244,6 +247,14 @@ def _validated(audited: EnvSource, contract: str | None) -> EnvSource:
         doubt=doubt,
         entry=entry,
     )
+
+
+def _as_judged_before(file: EnvSource) -> EnvSource:
+    """A file without a verdict that counts, under the contract of the verdict that earlier code has given."""
+    with contextlib.suppress(UsageError):
+        if name := last_contract(file.sha256):
+            return msgspec.structs.replace(file, contract=contract_named(name))
+    return file
 
 
 def _current(kept: CachedVerdict, project: Project | None) -> bool:

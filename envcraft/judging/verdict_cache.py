@@ -55,7 +55,7 @@ def record(plan: Plan, report: Report) -> None:
     """
     severity = plan.severity
     apart = severity.table or severity.strict or severity.select or severity.ignore or severity.baseline
-    if apart or plan.fail_fast or plan.policy or plan.time_limit is not None or (folder := _folder()) is None:
+    if apart or plan.fail_fast or plan.policy or (folder := _folder()) is None:
         return
     pairs = [pair for pair in zip(plan.targets, report.reports, strict=False) if _counts(*pair)]
     if not pairs:
@@ -78,6 +78,31 @@ def cached(source_sha256: str) -> list[CachedVerdict]:
     Args:
         source_sha256: The SHA-256 of the source.
     """
+    found = _kept(source_sha256)
+    if not found:
+        return []
+    checks = [check for check in offered("envcraft_checks") if not check.opt_in]
+    drivers = {driver.name: driver for driver in offered("envcraft_sandbox_drivers")}
+    rules = {
+        name: rules_version(checks, drivers[name])
+        for name in {kept.settings.driver for kept in found}
+        if name in drivers
+    }
+    current = [kept for kept in found if rules.get(kept.settings.driver) == kept.settings.rules]
+    return [kept for kept in current if not kept.settings.checks]
+
+
+def last_contract(source_sha256: str) -> str | None:
+    """The contract of the newest verdict on a source, also of one that earlier code has given; None without one.
+
+    Args:
+        source_sha256: The SHA-256 of the source.
+    """
+    return next((kept.settings.contract for kept in _kept(source_sha256)), None)
+
+
+def _kept(source_sha256: str) -> list[CachedVerdict]:
+    """The verdicts on a source, the newest first."""
     found: list[tuple[int, CachedVerdict]] = []
     with contextlib.suppress(OSError):
         folder = _folder()
@@ -87,18 +112,8 @@ def cached(source_sha256: str) -> list[CachedVerdict]:
                 # A file that was renamed is no verdict on this source.
                 if file.name == f"{source_sha256}-{kept.settings.digest}.json" and kept.source_sha256 == source_sha256:
                     found.append((os.fstat(stream.fileno()).st_mtime_ns, kept))
-    if not found:
-        return []
-    checks = [check for check in offered("envcraft_checks") if not check.opt_in]
-    drivers = {driver.name: driver for driver in offered("envcraft_sandbox_drivers")}
-    rules = {
-        name: rules_version(checks, drivers[name])
-        for name in {kept.settings.driver for _, kept in found}
-        if name in drivers
-    }
     found.sort(key=lambda pair: pair[0], reverse=True)
-    current = [kept for _, kept in found if rules.get(kept.settings.driver) == kept.settings.rules]
-    return [kept for kept in current if not kept.settings.checks]
+    return [kept for _, kept in found]
 
 
 def _counts(target: Target, report: SubjectReport) -> bool:

@@ -185,6 +185,27 @@ def test_a_verdict_of_other_code_is_not_taken(file: Path, cache: Path, monkeypat
         envcraft.make(file)
 
 
+def test_the_command_in_the_hint_names_the_contract_of_an_earlier_verdict(
+    file: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _record(_plan(file, GYMNASIUM))
+    monkeypatch.setattr(verdict_cache, "rules_version", lambda *_: "another version")
+    with pytest.raises(Untrusted, match=r"`envcraft validate .*lantern\.py --contract gymnasium` judges it"):
+        envcraft.make(file)
+    with pytest.raises(Untrusted, match=r"`envcraft validate .*lantern\.py` judges it"):
+        envcraft.make(file, contract="arcade")
+
+
+def test_a_time_limit_that_was_not_reached_changes_nothing(file: Path, cache: Path) -> None:
+    plan = msgspec.structs.replace(_plan(file), time_limit=60.0)
+    target = plan.targets[0]
+    report = SubjectReport(target.path, "Game", target.sha256, Verdict.PASS, "process", 0.1, 10, [], out_of_time=True)
+    verdict_cache.record(plan, Report(plan.contract.name, plan.seed, [report]))
+    assert not cache.exists()
+    _record(plan)
+    envcraft.make(file).close()
+
+
 def test_a_lenient_run_is_not_kept(file: Path, cache: Path) -> None:
     plan = _plan(file)
     finding = Finding("EC204", Severity.ERROR, "differs")
