@@ -7,7 +7,8 @@ whole episode, under every policy, at least fourfold and to at least 1. The grow
 
 If `info["is_success"]` reports wins, the check compares the return of each win with the return of doing nothing on the
 same seed. It warns if no win has a positive last reward, a positive return, or a higher return than doing nothing.
-Step costs are fine: they make a win cheaper than idling to the end.
+Step costs are fine: they make a win cheaper than idling to the end. If the contract names no action that does nothing,
+the check warns only if no step of any play pays.
 
 A reward that is zero in all play and all searches is an error if the code only ever returns zero, and the contract
 counts a positive return as a win. Otherwise it is a warning if no success is reported, because play may not have
@@ -235,10 +236,9 @@ class Reward(Check):
             )
 
     def _judge_silence(self, subject: Subject, traces: list[Trace]) -> Finding | None:
-        played = [*traces, *subject.privileged()]
-        outcomes = subject.searches.explorations
-        if any(any(trace.rewards) for trace in played) or any(outcome.get("paid", 1) for outcome in outcomes):
+        if _pays(subject, traces):
             return None
+        played, outcomes = [*traces, *subject.privileged()], subject.searches.explorations
         certain = subject.contract.success.sign and subject.target.kind is Kind.SOURCE and pays_nothing(subject.text)
         succeeds = any(trace.reported_success for trace in played) or any(outcome.get("win") for outcome in outcomes)
         if not certain and (succeeds or not all(trace.usable for trace in played)):
@@ -382,8 +382,16 @@ class Reward(Check):
 
     def _judge_wins(self, subject: Subject, traces: list[Trace]) -> Finding | None:
         won = _successes(traces)
-        if not won or subject.contract.noop is None:
+        if not won:
             return None
+        shown = min(won, key=lambda trace: trace.steps)
+        paid = f"winning pays {shown.total:g} in {plural(shown.steps, 'step')} (under {shown.rollout.player})"
+        line, again = subject.line_of("step"), repro(shown.rollout.cut(shown.steps))
+        if subject.contract.noop is None:
+            if _pays(subject, traces):
+                return None
+            words = f"{paid}, and the reward of every step is 0 in all {len(traces)} episodes, {len(won)} of them won"
+            return self.finding("EC305", words, line=line, repro=again, won=len(won))
         if any(not trace.total <= 0 or not trace.rewards[-1] <= 0 for trace in won):
             return None
         idled: dict[int, Trace] = {}
@@ -394,16 +402,11 @@ class Reward(Check):
             # If idling wins as well, the reward is for losing.
             if not idled[seed].usable or idled[seed].reported_success or trace.total > idled[seed].total:
                 return None
-        shown = min(won, key=lambda trace: trace.steps)
-        return self.finding(
-            "EC305",
-            f"winning pays {shown.total:g} in {plural(shown.steps, 'step')} (under {shown.rollout.player}), and doing "
-            f"nothing pays {idled[shown.rollout.seed].total:g} on the same seed; none of the {len(won)} won episodes "
-            "pays more",
-            line=subject.line_of("step"),
-            repro=repro(shown.rollout.cut(shown.steps)),
-            won=len(won),
+        words = (
+            f"{paid}, and doing nothing pays {idled[shown.rollout.seed].total:g} on the same seed; none of the "
+            f"{len(won)} won episodes pays more"
         )
+        return self.finding("EC305", words, line=line, repro=again, won=len(won))
 
 
 def _kind(kind: str) -> str:
@@ -428,6 +431,13 @@ def _placed(subject: Subject, finding: Finding, episode: Rollout | None = None, 
     """
     line = blamed_line(subject, finding, episode, bounded)
     return finding if line is None else msgspec.structs.replace(finding, line=line)
+
+
+def _pays(subject: Subject, traces: list[Trace]) -> bool:
+    """Whether a step of any episode or search pays, as far as is known."""
+    if any(any(trace.rewards) for trace in [*traces, *subject.privileged()]):
+        return True
+    return any(outcome.get("paid", 1) for outcome in subject.searches.explorations)
 
 
 def _successes(traces: list[Trace]) -> list[Trace]:

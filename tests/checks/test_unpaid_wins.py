@@ -6,10 +6,11 @@ import pytest
 from envcraft_checks.reward import Reward
 from envcraft_checks.source import Source
 
-from envcraft.contracts.builtin import ARCADE
+from envcraft.contracts.builtin import ARCADE, GYMNASIUM
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.engine import Plan, validate
 from envcraft.judging.selection import driver_named
+from envcraft.model.contract import Contract
 from envcraft.model.events import Finished
 from envcraft.model.target import Target
 from envcraft.model.verdict import SubjectReport
@@ -34,18 +35,47 @@ REWARDS = {
 }
 
 
-@pytest.fixture(scope="module")
-def reports() -> dict[str, SubjectReport]:
+#: Under a contract without an action that does nothing.
+WITHOUT_NOOP = {
+    REWARD: "",
+    "reward = 0.0": "EC305",
+    # The win is unpaid, but losing is not.
+    "reward = -1.0 if lost else 0.0": "",
+    "reward = 0.1 if won else 0.0": "",
+    # No success is reported.
+    "reward, won = 0.0, False": "EC306",
+}
+
+
+def _judged(rewards: dict[str, str], contract: Contract) -> dict[str, SubjectReport]:
     """The report on the game with each reward."""
     assert REWARD in GAME
-    targets = [Target("game.py", GAME.replace(REWARD, reward).encode()) for reward in REWARDS]
-    plan = Plan(targets, ARCADE, driver_named("process"), [Source(), Reward()], BUDGETS["quick"])
+    targets = [Target("game.py", GAME.replace(REWARD, reward).encode()) for reward in rewards]
+    plan = Plan(targets, contract, driver_named("process"), [Source(), Reward()], BUDGETS["quick"])
     *_, last = validate(plan)
     assert isinstance(last, Finished)
-    return dict(zip(REWARDS, last.report.reports, strict=True))
+    return dict(zip(rewards, last.report.reports, strict=True))
+
+
+def _codes(report: SubjectReport) -> set[str]:
+    return {finding.code for check in report.checks for finding in check.findings}
+
+
+@pytest.fixture(scope="module")
+def reports() -> dict[str, SubjectReport]:
+    return _judged(REWARDS, ARCADE)
+
+
+@pytest.fixture(scope="module")
+def reports_without_noop() -> dict[str, SubjectReport]:
+    return _judged(WITHOUT_NOOP, GYMNASIUM)
 
 
 @pytest.mark.parametrize(("reward", "code"), REWARDS.items())
 def test_unpaid_wins(reward: str, code: str, reports: dict[str, SubjectReport]) -> None:
-    codes = {finding.code for check in reports[reward].checks for finding in check.findings}
-    assert codes == ({code} if code else set())
+    assert _codes(reports[reward]) == ({code} if code else set())
+
+
+@pytest.mark.parametrize(("reward", "code"), WITHOUT_NOOP.items())
+def test_unpaid_wins_without_noop(reward: str, code: str, reports_without_noop: dict[str, SubjectReport]) -> None:
+    assert _codes(reports_without_noop[reward]) == ({code} if code else set())
