@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import tarfile
 from pathlib import Path
 
 import pytest
@@ -25,8 +24,7 @@ ARCHIVE = Path(__file__).parent / "fixtures" / "corpus-schema-8.tar.xz"
 
 @pytest.fixture
 def old(tmp_path: Path) -> Path:
-    with tarfile.open(ARCHIVE) as archive:
-        archive.extractall(tmp_path, filter="data")
+    shutil.unpack_archive(ARCHIVE, tmp_path)
     return (tmp_path / "corpus0").rename(tmp_path / "old")
 
 

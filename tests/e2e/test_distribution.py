@@ -132,8 +132,7 @@ def test_the_source_distribution_holds_all_that_make_test_needs(built: Built) ->
 
 
 def test_the_source_distribution_builds_the_same_wheel(built: Built, tmp_path: Path) -> None:
-    with tarfile.open(built.sdist) as tar:
-        tar.extractall(tmp_path, filter="data")
+    shutil.unpack_archive(built.sdist, tmp_path)
     (source,) = tmp_path.iterdir()
     _hatchling(source, tmp_path / "again", "-t", "wheel")
     (again,) = (tmp_path / "again").glob("*.whl")
