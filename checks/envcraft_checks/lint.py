@@ -186,6 +186,7 @@ class Lint(Check):
             "The code opens files or sockets, or starts threads or processes.",
             "Keep everything in the environment's own memory.",
             Severity.WARNING,
+            confirmed_by=("EC911", "EC912"),
         ),
         Rule(
             "EC056",

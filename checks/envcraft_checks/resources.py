@@ -31,7 +31,7 @@ from __future__ import annotations
 import itertools
 import statistics
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from envcraft.errors import Skip, Undecided
 from envcraft.judging.check import Check, Rule
@@ -41,6 +41,7 @@ from envcraft.model.verdict import Finding
 from envcraft.plugins import hookimpl
 from envcraft.text import plural
 
+from .linting.effects import effect_lines
 from .linting.growth import growing_line
 from .linting.program import program_of
 
@@ -139,8 +140,11 @@ class ResourceUse(Check):
             return None
         words, line, evidence = found
         place: int | Line = subject.line_of(line)
-        if code == "EC910" and not subject.target.wrappers and (program := program_of(subject)) is not None:
-            place = growing_line(program, line) or place
+        if not subject.target.wrappers and (program := program_of(subject)) is not None:
+            if code == "EC910":
+                place = growing_line(program, line) or place
+            elif code != "EC913" and (lines := effect_lines(program, line, files=code == "EC912")):
+                place, evidence = lines[0], {**evidence, "lines": lines}
         return self.finding(code, words, line=place, repro=repro(trace.rollout), **evidence)
 
     def _memory(self, played: Played) -> _Found | None:
@@ -175,9 +179,8 @@ class ResourceUse(Check):
             return None
         first, last = _used(growing[0][0]), _used(growing[0][-1])
         files, size, more = last.files - first.files, last.written - first.written, len(growing[0]) - 1
-        words = (
-            f"{more} more episodes of {growing[0][-1].steps} steps write {files} more files and {_bytes(size)} of data"
-        )
+        grown = [plural(files, "more file")] * (files > 0) + [f"{_bytes(size)} of data"] * (size > 0)
+        words = f"{more} more episodes of {growing[0][-1].steps} steps write {' and '.join(grown)}"
         line = "reset" if growing[0] is played.resets else "step"
         return words, line, {"files": files, "bytes": size, "episodes": more}
 
@@ -196,7 +199,7 @@ class ResourceUse(Check):
         return None
 
 
-_Found = tuple[str, str, dict[str, float]]
+_Found = tuple[str, str, dict[str, Any]]
 
 
 class Played(NamedTuple):

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import random
+import re
 from pathlib import Path
 
 import pytest
+from envcraft_checks.linting.effects import effect_lines
+from envcraft_checks.linting.program import Program
 from envcraft_checks.resources import _slower, steady
 
 from envcraft.contracts.builtin import ARCADE
@@ -15,10 +18,11 @@ from envcraft.judging.probes import Probes
 from envcraft.judging.selection import default_checks, driver_named
 from envcraft.model.events import SubjectFinished
 from envcraft.model.rollout import Rollout
-from envcraft.model.target import Target
+from envcraft.model.target import Target, parse
 from envcraft.model.trace import Trace
 from envcraft.model.verdict import Finding
 from envcraft.spaces.spec import read_space
+from evaluation.fixtures import FIXTURES
 
 GAME = (Path(__file__).resolve().parents[2] / "examples" / "sokoban.py").read_text()
 STEP = "        self.steps += 1\n"
@@ -138,3 +142,44 @@ def test_what_fails_on_one_seed_is_shown_on_that_seed_alone(where: str) -> None:
     assert finding.repro.seed == 31
     assert len(finding.repro.actions) == (where == "step")
     assert not finding.repro.conditions
+
+
+@pytest.mark.parametrize(
+    ("game", "code", "words"),
+    [
+        ("steps_in_a_log", "EC912", r"95 more episodes of 4 steps write [\d.]+ KiB of data"),
+        ("record_of_each_game", "EC912", r"71 more episodes of 0 steps write 71 more files and [\d.]+ KiB of data"),
+        ("log_left_open", "EC911", r"open files grow with each episode: from \d+ to \d+ in 72 episodes"),
+    ],
+)
+def test_files_that_grow_are_reported_once_where_they_are_opened(game: str, code: str, words: str) -> None:
+    text = (FIXTURES / "resources" / "bad" / f"{game}.py").read_text("utf-8")
+    checks = [check for check in default_checks() if check.name in ("source", "resources", "lint")]
+    plan = Plan([Target("game.py", text.encode())], ARCADE, driver_named("process"), checks, BUDGETS["quick"])
+    report = next(event.report for event in validate(plan) if isinstance(event, SubjectFinished))
+    (finding,) = [finding for check in report.checks for finding in check.findings]
+    assert finding.code == code
+    assert finding.line is not None
+    assert " open(" in text.splitlines()[finding.line - 1]
+    assert re.fullmatch(words, finding.message)
+
+
+@pytest.mark.parametrize(
+    ("reset", "step", "lines"),
+    [
+        ("pass", "open('levels.txt').read(); open('log', mode='a')", [6]),
+        ("self.log = open('log', 'a')", "self.log.write('a')", [4]),
+        ("pass", "open('levels.txt', 'rb').read()", []),
+        ("pass", "threading.Thread(target=print).start(); open('log', self.mode)", [6]),
+        ("pass", "np.save('state.npy', 0)\n  open('log', 'a')", [6, 7]),
+    ],
+)
+def test_lines_that_may_write_files(reset: str, step: str, lines: list[int]) -> None:
+    text = f"""import threading; import numpy as np; from gymnasium import Env
+class Game(Env):
+ def reset(self, *, seed=None, options=None):
+  {reset}
+ def step(self, action):
+  {step}
+"""
+    assert effect_lines(Program(parse(text), "Game"), "step", files=True) == lines
