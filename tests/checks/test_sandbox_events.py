@@ -122,7 +122,7 @@ LINES = {
 
 
 class Lined:
-    """The reports of the game with each of these statements in step(). A second request, by a rerun, judges it again."""
+    """Reports of the game with each of these statements in step(). A second request, by a rerun, judges it again."""
 
     def __init__(self) -> None:
         self._unread = self._judged([*LINES])
@@ -132,6 +132,7 @@ class Lined:
 
     def _judged(self, names: list[str]) -> dict[str, tuple[str, SubjectReport]]:
         top = "import ctypes, itertools, re, time\ndef free(n):\n    return [n for _ in range(9)]\n"
+        game = GAME.replace("import gymnasium", f"{top}import gymnasium", 1)
         texts = []
         for name in names:
             lines = "".join(f"        {line}\n" for line in ["n = 0", *LINES[name][2].splitlines()])
