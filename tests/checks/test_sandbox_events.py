@@ -136,9 +136,7 @@ class Lined:
         texts = []
         for name in names:
             lines = "".join(f"        {line}\n" for line in ["n = 0", *LINES[name][2].splitlines()])
-            texts.append(
-                GAME.replace("import gymnasium", f"{top}import gymnasium", 1).replace(STEP, f"{STEP}{lines}", 1)
-            )
+            texts.append(game.replace(STEP, f"{STEP}{lines}", 1))
         targets = [Target("game.py", text.encode()) for text in texts]
         checks = [check for check in default_checks() if check.name in ("source", "api", "sandbox")]
         *_, last = validate(Plan(targets, ARCADE, process(), checks, BUDGETS["quick"], limits=LIMITS))
