@@ -17,6 +17,9 @@ search reaches different states that look the same. A game that is over or stuck
 if a search finds a state after which it does not change in four episodes, at least 60 steps in all, although moves lead
 to different states. These steps are enough for a light that is off for a while to come back.
 
+If step() fails whenever some action is taken, nothing is known of the observations after it. Then the check does not
+decide whether the observation is constant, unresponsive or without the agent.
+
 The contrast is too low if no channel of any picture spans more than eight of 255 levels. A dark game usually has a
 bright pixel in some picture. Small pictures may contain codes instead of colours, and so may grey pictures that no
 contract prescribes.
@@ -65,6 +68,7 @@ from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
+from envcraft.text import plural
 
 from .pictures.contrast import find_faint
 from .pictures.drawing import frame_line
@@ -73,7 +77,7 @@ from .pictures.hidden import find_hidden, find_unseen
 from .pictures.invisible import find_invisible
 from .pictures.late import find_late
 from .pictures.noise import find_noise
-from .pictures.traces import Defect
+from .pictures.traces import Defect, only_raising
 from .pictures.twins import find_twins
 from .pictures.unresponsive import find_unresponsive
 
@@ -81,6 +85,10 @@ if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
     from envcraft.model.trace import Trace
     from envcraft.spaces.spec import SpaceSpec
+
+
+#: Codes of observations that show too little under all actions together: the action that is left out may show it.
+_NEEDS_EACH_ACTION = frozenset({"EC401", "EC403", "EC407"})
 
 
 class Observation(Check):
@@ -160,15 +168,21 @@ class Observation(Check):
                 line=subject.line_of("step"),
                 repro=repro(longest.rollout.cut(20)),
             )
-            yield found.as_warning() if bandit else found
+            first: Finding | None = found.as_warning() if bandit else found
         else:
-            yield from self._find_first(subject, seen)
+            first = self._first(subject, seen)
+        compared = first is not None and first.code in _NEEDS_EACH_ACTION
+        raising = only_raising(subject.played()) if compared else []
+        if first is not None and not raising:
+            yield first
         yield from self._find_unlike_render(subject)
+        if raising:
+            raise Undecided(f"step() fails at {_in_words(raising)}, so no observation after it could be compared")
         if len(seen) < len(traces):
             raise Skip("some observations cannot be compared: they have types of another package, or are too large")
 
-    def _find_first(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
-        """Report the first defect only: a picture that shows nothing has all those that follow."""
+    def _first(self, subject: Subject, traces: list[Trace]) -> Finding | None:
+        """The first defect only: a picture that shows nothing has all those that follow."""
         for code, defect in _defects(subject, traces):
             if defect is not None:
                 finding = self.finding(
@@ -178,8 +192,8 @@ class Observation(Check):
                     repro=repro(defect.rollout),
                     **defect.evidence,
                 )
-                yield finding if defect.certain else finding.as_warning()
-                return
+                return finding if defect.certain else finding.as_warning()
+        return None
 
     def _find_unlike_render(self, subject: Subject) -> Iterator[Finding]:
         if not (subject.contract.render and subject.renders):
@@ -211,6 +225,11 @@ def _defects(subject: Subject, traces: list[Trace]) -> Iterator[tuple[str, Defec
     yield "EC409", find_late(subject)
     yield "EC408", find_twins(subject)
     yield "EC406", find_hidden(subject, traces) or find_unseen(subject, traces)
+
+
+def _in_words(actions: list[str]) -> str:
+    more = len(actions) - 1
+    return f"the action {actions[0]}" + (f" and {plural(more, 'other')}" if more else "")
 
 
 def _may_be_bandit(traces: list[Trace]) -> bool:

@@ -34,6 +34,13 @@ def shows_pictures(space: SpaceSpec) -> bool:
     return isinstance(space, Box) and len(space.shape) >= 2 and space.dtype == "uint8"
 
 
+def only_raising(traces: list[Trace]) -> list[str]:
+    """The actions, as text, with which every step failed."""
+    failed = {repr(action): None for trace in traces for action in trace.actions[trace.steps :]}
+    taken = {repr(action) for trace in traces for action in trace.actions[: trace.steps]}
+    return [action for action in failed if action not in taken]
+
+
 def changed(trace: Trace, step: int) -> bool:
     """Whether a step, counted from 1, changed the observation."""
     return trace.observations[step] != trace.observations[step - 1]
