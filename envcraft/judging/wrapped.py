@@ -31,7 +31,7 @@ def with_wrappers_named(check: Check, subject: Subject, finding: Finding) -> Fin
     Args:
         check: reported the finding.
         subject: an environment with wrappers.
-        finding: its line is replaced by that of the class where that of the environment's code may not be the cause.
+        finding: names no line and no method of the environment where the environment's code may not be the cause.
     """
     if not subject.constructed:
         return finding
@@ -52,8 +52,12 @@ def with_wrappers_named(check: Check, subject: Subject, finding: Finding) -> Fin
         words = f"without {names} it does not occur"
     # What play shows may be the wrappers' doing: only the line of an exception certainly ran.
     vague = vague or "traceback" not in finding.evidence
-    line = subject.line_of().number if vague else finding.line
-    return msgspec.structs.replace(finding, message=f"{finding.message}; {words}", line=line)
+    if not vague:
+        return msgspec.structs.replace(finding, message=f"{finding.message}; {words}")
+    message = finding.message
+    for note in {subject.line_of(method).note for method in _METHODS} - {""}:
+        message = message.removesuffix(f"; {note}")
+    return msgspec.structs.replace(finding, message=f"{message}; {words}", line=None)
 
 
 def _alone(check: Check, subject: Subject, finding: Finding) -> Finding | None:

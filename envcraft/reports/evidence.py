@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from envcraft.model.target import Kind, read_known
 from envcraft.model.verdict import Finding, SubjectReport, plain
-from envcraft.text import one_line, printable
+from envcraft.text import one_line, printable, relative
 
 _WIDTH = 200
 #: The most lines of a traceback, and of what was printed: the last ones.
@@ -65,9 +65,18 @@ def keep_source(source: bytes, cells: Mapping[str, int] = MappingProxyType({})) 
 def place_of(report: SubjectReport, finding: Finding) -> str:
     """Return the file that a finding is about, with its line, or the cell of a notebook with its line."""
     if not finding.line:
-        return report.file
+        raising = raising_place(report, finding)
+        return report.file if raising is None else f"{raising[0]}:{raising[1]}"
     cell = finding.evidence.get("cell")
     return f"{report.file}:{finding.line}" if cell is None else f"{cell}, line {finding.line}"
+
+
+def raising_place(report: SubjectReport, finding: Finding) -> tuple[str, int] | None:
+    """Return another file of the project that raises what a finding reports, and the line; None if no other does."""
+    file, line, project = finding.evidence.get("file"), finding.evidence.get("file_line"), report.project
+    if project is None or not isinstance(file, str) or file not in project.files or type(line) is not int or line < 1:
+        return None
+    return relative(os.path.join(project.root, file)), line
 
 
 def source_line(report: SubjectReport, finding: Finding) -> str:

@@ -8,6 +8,7 @@ from envcraft.model.events import Event, Finished, SubjectFinished
 from envcraft.model.target import Kind
 from envcraft.model.verdict import Finding, Severity, SubjectReport, Verdict
 from envcraft.plugins import hookimpl
+from envcraft.reports.evidence import raising_place
 from envcraft.reports.reporter import Reporter
 from envcraft.reports.summary import summary_words, unsettled
 from envcraft.text import one_line, relative
@@ -35,7 +36,7 @@ class GitHubReporter(Reporter):
     def _subject(self, report: SubjectReport) -> None:
         # An installed environment has no file in the repository, so the message names it.
         own = report.kind is Kind.SOURCE
-        file = one_line(relative(report.path, os.environ.get("GITHUB_WORKSPACE"))) if own else ""
+        file = _in_repository(report.path) if own else ""
         named = "" if own else f"{one_line(report.path)}: "
         undecided = unsettled(report)
         for check in report.checks:
@@ -54,6 +55,8 @@ class GitHubReporter(Reporter):
         rule = self.rules.get(finding.code)
         line = str(finding.line) if finding.line else ""
         message = one_line(finding.message)
+        if not line and (raising := raising_place(report, finding)) is not None:
+            file, line = _in_repository(raising[0]), str(raising[1])
         if not file:
             message = f"{one_line(report.file)}{line and f':{line}'}: {message}"
         if rule is not None:
@@ -70,6 +73,10 @@ class GitHubReporter(Reporter):
         given = ",".join(f"{name}={_property(value)}" for name, value in properties.items() if value)
         # GitHub does not show an empty message.
         self.write(f"::{command} {given}::{_data(message or 'no message')}\n")
+
+
+def _in_repository(path: str) -> str:
+    return one_line(relative(path, os.environ.get("GITHUB_WORKSPACE")))
 
 
 def _data(text: str) -> str:

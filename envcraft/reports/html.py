@@ -14,7 +14,7 @@ from envcraft.model.events import Event, Finished
 from envcraft.model.frame import Frame
 from envcraft.model.verdict import CheckReport, Outcome, Report, Severity, SubjectReport, Verdict, plain
 from envcraft.plugins import hookimpl
-from envcraft.reports.evidence import place_of
+from envcraft.reports.evidence import place_of, raising_place
 from envcraft.reports.reporter import Reporter
 from envcraft.reports.summary import Numbered, numbered, reason_words, repro_words, summary_words
 from envcraft.text import one_line, plural, printable
@@ -155,7 +155,8 @@ class HtmlReporter(Reporter):
     def _finding(self, item: Numbered) -> str:
         finding, rule = item.finding, self.rules.get(item.finding.code)
         warning = finding.severity is Severity.WARNING
-        place = place_of(item.subject, finding) if finding.line else ""
+        located = finding.line or raising_place(item.subject, finding)
+        place = place_of(item.subject, finding) if located else ""
         frames = self.frames(item.subject, finding) if self.frames else []
         if frames:
             self._moments[item.number] = frames[-1]

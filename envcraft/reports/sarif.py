@@ -13,6 +13,7 @@ from envcraft.model.events import Event, Finished
 from envcraft.model.identity import fingerprint
 from envcraft.model.verdict import Finding, Ignored, Report, SubjectReport, Verdict, plain
 from envcraft.plugins import hookimpl
+from envcraft.reports.evidence import raising_place
 from envcraft.reports.reporter import Reporter
 from envcraft.reports.summary import Numbered, numbered
 from envcraft.text import one_line, relative
@@ -121,24 +122,25 @@ def _named(finding: Finding, subject: SubjectReport, place: int, codes: dict[str
     elif finding.line is not None and finding.line > 0:
         location["physicalLocation"]["region"] = {"startLine": finding.line}
     rule = {"ruleIndex": codes[finding.code]} if finding.code in codes else {}
-    elsewhere = _elsewhere(finding, subject)
+    related, elsewhere = [], _elsewhere(finding, subject)
+    if elsewhere is not None and finding.line is None:
+        location["physicalLocation"] = elsewhere
+    elif elsewhere is not None:
+        related = [{"physicalLocation": elsewhere, "message": {"text": "The line that raises."}}]
     return {
         "ruleId": finding.code,
         **rule,
         "level": finding.severity.value,
         "message": _message(finding.message),
         "locations": [location],
-        **({"relatedLocations": elsewhere} if elsewhere else {}),
+        **({"relatedLocations": related} if related else {}),
     }
 
 
-def _elsewhere(finding: Finding, subject: SubjectReport) -> list[dict[str, Any]]:
+def _elsewhere(finding: Finding, subject: SubjectReport) -> dict[str, Any] | None:
     """Return the line of another file of the project that raises, if one does."""
-    file, line, project = finding.evidence.get("file"), finding.evidence.get("file_line"), subject.project
-    if project is None or not isinstance(file, str) or file not in project.files or type(line) is not int or line < 1:
-        return []
-    place = {"artifactLocation": _at(os.path.join(project.root, file)), "region": {"startLine": line}}
-    return [{"physicalLocation": place, "message": {"text": "The line that raises."}}]
+    place = raising_place(subject, finding)
+    return place and {"artifactLocation": _at(place[0]), "region": {"startLine": place[1]}}
 
 
 def _invocation(report: Report) -> dict[str, Any]:

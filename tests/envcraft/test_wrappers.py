@@ -185,30 +185,59 @@ class More(gym.Wrapper):
     def step(self, action):
         return self.env.step(action if action < 5 else [[]])
 """
+_LOCATED = ("concise", "github", "sarif")
 _WITHOUT = "; without the wrapper wrappers:{} it does not occur"
 
 
 @pytest.mark.parametrize(
-    ("wrappers", "code", "line", "words"),
+    ("wrappers", "code", "words"),
     [
-        (["Halved"], "EC108", "class Walk", _WITHOUT.format("Halved")),
-        (["Nothing"], "EC301", "class Walk", _WITHOUT.format("Nothing")),
-        (["Refuses"], "EC008", "class Walk", f"wrappers.py line 18: I do not want this{_WITHOUT.format('Refuses')}"),
-        (["Draws"], "EC204", "class Walk", _WITHOUT.format("Draws")),
+        (["Halved"], "EC108", _WITHOUT.format("Halved")),
+        (["Nothing"], "EC301", _WITHOUT.format("Nothing")),
+        (["Refuses"], "EC008", f"wrappers.py line 18: I do not want this{_WITHOUT.format('Refuses')}"),
+        (["Draws"], "EC204", _WITHOUT.format("Draws")),
         (
             ["Quiet", "Halved"],
             "EC108",
-            "class Walk",
             "; without the wrappers wrappers:Quiet and wrappers:Halved it does not occur",
         ),
     ],
 )
-def test_a_finding_names_the_wrapper_that_causes_it(
-    wrappers: list[str], code: str, line: str, words: str, invoke: Invoke, good: Path
+def test_a_finding_names_the_wrapper_that_causes_it_and_no_line_of_the_environment(
+    wrappers: list[str], code: str, words: str, invoke: Invoke, good: Path
 ) -> None:
     found = _wrapped(invoke, good, wrappers)
     assert found[code]["message"].endswith(words)
-    assert good.read_text().splitlines()[found[code]["line"] - 1].strip().startswith(line)
+    assert found[code]["line"] is None
+
+
+def test_a_crash_of_a_wrapper_is_located_in_its_file(
+    invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(good.parent)
+    Path("layers").mkdir()
+    Path("layers/own.py").write_text(_WRAPPERS)
+    line = _WRAPPERS.splitlines().index('        raise ValueError("I do not want this")') + 1
+    options = ("--sandbox", "process", "--contract", "gymnasium", "--checks", "api", "--wrap", "layers.own:Refuses")
+    for target in ("walk.py", "CartPole-v1"):
+        shown = {name: invoke("validate", target, *options, "--format", name).stdout for name in _LOCATED}
+        assert f"layers/own.py:{line}: EC008" in shown["concise"]
+        assert f"file=layers/own.py,line={line}," in shown["github"]
+        [result] = json.loads(shown["sarif"])["runs"][0]["results"]
+        [place] = [each["physicalLocation"] for each in result["locations"]]
+        assert (place["artifactLocation"]["uri"], place["region"]) == ("layers/own.py", {"startLine": line})
+        assert "relatedLocations" not in result
+
+
+def test_a_finding_of_a_wrapper_says_nothing_about_a_base_of_the_environment(
+    invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(good.parent)
+    Path("base.py").write_text(good.read_text())
+    good.write_text("import base\n\n\nclass Stroll(base.Walk):\n    pass\n")
+    message = _wrapped(invoke, good, ["Halved"])["EC108"]["message"]
+    assert message.endswith(_WITHOUT.format("Halved"))
+    assert "inherited" not in message
 
 
 @pytest.mark.parametrize(
@@ -252,8 +281,7 @@ def test_a_loop_that_a_wrapper_pays_names_no_line_that_the_environment_pays_at(i
     good.write_text(ENVIRONMENT)
     found = _wrapped(invoke, good, ["Grows"])
     assert found["EC304"]["message"].endswith("; judged in the wrapper wrappers:Grows")
-    line = good.read_text().splitlines()[found["EC304"]["line"] - 1].strip()
-    assert line.startswith("class Walk")
+    assert found["EC304"]["line"] is None
 
 
 def test_a_finding_of_actions_that_only_a_wrapper_allows_names_it(invoke: Invoke, good: Path) -> None:
