@@ -382,7 +382,7 @@ class Source(Check):
             found.append(f"starts {threads} threads")
         seconds = effects.get("seconds", 0.0)
         if seconds > _SLOW_IMPORT:
-            found.append(f"takes {seconds:.1f} s")
+            found.append(f"takes {seconds:.1f} s without the libraries that it imports")
         if found or constructor:
             loading = [f"loading the file {' and '.join(found)}"] if found else []
             words = ", and ".join([*loading, *([constructor] if constructor else [])])

@@ -41,7 +41,9 @@ class UnfinishedClass(DefinedClass):
 
 
 class Effects(TypedDict, total=False):
-    """Side effects of the import: its seconds, whether it used the global generators, the number of threads started."""
+    """Side effects of the import: the seconds without those of libraries, whether it used the global generators, the
+    number of threads started.
+    """
 
     seconds: float
     random: bool

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from pathlib import Path
+
+import envcraft_checks.source as source_check
 import pytest
 from envcraft_checks.api import Api
 from envcraft_checks.source import Source
@@ -48,6 +53,40 @@ def test_the_line_of_what_is_not_python_is_not_said_twice(source: bytes, line: i
 def test_only_warnings_of_the_file_count_as_output(module: str, blamed: bool) -> None:
     warning = f"import warnings\nwarnings.warn_explicit('no fonts', UserWarning, 'x.py', 1, module={module!r})\n"
     assert ("EC009" in findings(GAME + warning, Source())) is blamed
+
+
+_SLOW = "import time\ntime.sleep(1)\n"
+
+
+@pytest.mark.parametrize(
+    ("line", "slow"),
+    [
+        ("import time; time.sleep(0.4)", True),
+        ("import time; end = time.process_time() + 0.4\nwhile time.process_time() < end: pass", True),
+        ("import scipy.stats", False),
+        ("from scipy import signal, optimize", False),
+        ("__import__('scipy.stats')", False),
+    ],
+)
+def test_only_the_time_of_the_file_s_own_code_counts(line: str, slow: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(source_check, "_SLOW_IMPORT", 0.2)
+    found = findings(f"{GAME}\n\n{line}\n", Source())
+    assert ("EC009" in found) is slow, found
+    assert not slow or "s without the libraries that it imports" in found["EC009"].message
+
+
+def test_the_time_of_a_helper_counts_and_not_that_of_its_libraries(tmp_path: Path) -> None:
+    for file, text in [("own/helper.py", "import slow, time\ntime.sleep(0.1)\n"), ("lib/slow.py", _SLOW)]:
+        (tmp_path / file).parent.mkdir()
+        (tmp_path / file).write_text(text)
+    own = str(tmp_path / "own")
+    words = (
+        f"import builtins, sys; sys.path += [{own!r}, {str(tmp_path / 'lib')!r}]; before = builtins.__import__\n"
+        f"from envcraft_sandbox.worker.own_time import OwnTime\nwith OwnTime({own!r}) as own:\n    import helper\n"
+        "assert builtins.__import__ is before\nprint(own.seconds)"
+    )
+    ran = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
+    assert 0.1 <= float(ran.stdout) < 0.9
 
 
 _METHOD = "    def __init__(self, render_mode=None):\n"

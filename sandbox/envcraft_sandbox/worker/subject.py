@@ -11,7 +11,6 @@ import random
 import re
 import sys
 import threading
-import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
@@ -28,6 +27,7 @@ from envcraft_protocol.wire import Kind
 
 from . import targets
 from .channel import Channel, jsonable
+from .own_time import OwnTime
 
 _POLICY = "envcraft_policy"
 #: Keys of metadata that versions of Gym before 0.22 had.
@@ -43,7 +43,6 @@ _MAX_MODULES = 5_000
 #: Maximum length of a name in a description.
 _MAX_NAME = 1_000
 _METHODS = ("__init__", "reset", "step", "render", "close")
-_monotonic = time.monotonic
 
 
 class Fault(Exception):
@@ -135,11 +134,10 @@ class Subject:
         if isinstance(self.target, targets.Source):
             # A library's warning about this machine, such as about missing fonts, is not output of the file.
             warnings.filterwarnings("ignore", module=rf"(?!{re.escape(self.target.name)}\Z)")
-        started = _monotonic()
-        self.load()
-        seconds = _monotonic() - started
+        with OwnTime(self._folder) as own_time:
+            self.load()
         effects = {
-            "seconds": seconds,
+            "seconds": own_time.seconds,
             "random": random.getstate() != before[0],
             "numpy_random": not np.array_equal(np.random.get_state(legacy=False)["state"]["key"], before[1]),
             "threads": threading.active_count() - before[2],
