@@ -111,7 +111,7 @@ class Determinism(Check):
         Rule(
             "EC204",
             "global-random",
-            "The trace depends on the global random or numpy.random state.",
+            "The trace depends on the global state of random, numpy.random or torch.",
             "Draw from self.np_random, seeded by super().reset(seed=seed).",
         ),
         Rule("EC205", "clock", "The trace depends on the clock.", "Count steps instead of reading the time."),

@@ -43,8 +43,9 @@ class Conditions(msgspec.Struct, frozen=True, omit_defaults=True):
         fresh: a worker of its own (a fresh container or namespace), not a fork of the usual one.
         heap: seed for objects that are allocated and freed first, so that new objects have other addresses.
         hash_seed: PYTHONHASHSEED of the worker.
-        global_seed: seeds the global ``random`` and ``numpy.random`` before the import; None uses the episode's seed.
-        perturb: reseeds both global generators before each call.
+        global_seed: seeds the global ``random`` and ``numpy.random`` before the import, and ``torch`` where the file
+            imports it; None uses the episode's seed.
+        perturb: reseeds these global generators before each call.
         clock: replaces the clock.
         again: plays the episode twice in one process, each time on a new instance, and records both.
         before: episodes that are played first, on the same instance.

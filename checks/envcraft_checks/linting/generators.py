@@ -22,6 +22,11 @@ _DRAWS = frozenset({
 })  # fmt: skip
 #: What of numpy.random draws nothing.
 _NO_DRAWS = frozenset({"default_rng", "get_bit_generator", "get_state", "seed", "set_bit_generator", "set_state"})
+#: The functions of torch that draw from its global generator, unless they are given another one.
+_TORCH = frozenset({
+    "bernoulli", "multinomial", "normal", "poisson", "rand", "rand_like", "randint", "randint_like", "randn",
+    "randn_like", "randperm",
+})  # fmt: skip
 _ENTROPY = frozenset({"os.getpid", "os.urandom", "random.SystemRandom", "uuid.uuid1", "uuid.uuid4"})
 _MAKERS = frozenset({
     "gymnasium.utils.seeding.np_random", "numpy.random.RandomState", "numpy.random.default_rng", "random.Random",
@@ -35,7 +40,8 @@ def generators(program: Program) -> Iterator[Suspect]:
         path.rpartition(".")[0]
         for function in every
         for node in function.nodes
-        if isinstance(node, ast.Call) and node.args and (path := program.path(node.func, function)).endswith(".seed")
+        if isinstance(node, ast.Call) and node.args
+        if (path := program.path(node.func, function)).endswith((".seed", ".manual_seed"))
     }
     aliases = _aliases(program)
     for function in every:
@@ -175,6 +181,8 @@ def _aliases(program: Program) -> dict[str, str]:
 
 
 def _path(program: Program, call: ast.Call, function: Function, aliases: dict[str, str]) -> str:
+    if any(keyword.arg == "generator" for keyword in call.keywords):
+        return ""
     if isinstance(call.func, ast.Attribute) and (alias := aliases.get(function.field(call.func.value))):
         return f"{alias}.{call.func.attr}"
     return program.path(call.func, function)
@@ -189,6 +197,8 @@ def draws(path: str) -> bool:
         return name in _DRAWS
     if module == "numpy.random":
         return name.islower() and name not in _NO_DRAWS
+    if module == "torch":
+        return name in _TORCH
     return module == "secrets"
 
 

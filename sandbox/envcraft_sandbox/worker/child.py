@@ -23,7 +23,7 @@ import numpy as np
 from envcraft_protocol.jobs import Conditions, End, Job, JobLimits
 from envcraft_protocol.wire import HEADER, MAX_MESSAGE, Kind
 
-from . import confine, rollout, search
+from . import confine, rollout, search, torch_generator
 from .channel import Channel
 from .clock import Clock
 from .frames import Frames
@@ -132,6 +132,7 @@ def _run(job: Job, channel: Channel, traces: Traces | None, resources: Resources
     state = conditions.get("global_seed", job.get("seed", 0)) % 2**32
     _seed(state)
     _seed_numpy(state)
+    torch_generator.seed(state)
     _kept.extend(_fragments(conditions.get("heap")))
     Clock.install(conditions.get("clock"), str(job["target"].get("source", "")))
     subject = Subject(job, channel)

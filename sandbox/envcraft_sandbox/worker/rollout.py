@@ -14,6 +14,7 @@ from envcraft_protocol.jobs import Conditions, Job
 from envcraft_protocol.jobs import Episode as EpisodePlan
 from envcraft_protocol.wire import Kind
 
+from . import torch_generator
 from .caller import Caller
 from .channel import flag, jsonable
 from .fields import Fields
@@ -47,14 +48,16 @@ _HABITS = {"reuse", "int32", "python"}
 
 
 class Perturb:
-    """Change the global ``random`` and ``numpy.random`` states before each call, as other code would."""
+    """Change the global states of ``random``, ``numpy.random`` and ``torch`` before each call, as other code would."""
 
     def __init__(self, seed: int | None) -> None:
         self._own = None if seed is None else random.Random(seed)
 
     def __call__(self) -> None:
         if self._own is not None:
-            _seed(self._own.getrandbits(32))
+            state = self._own.getrandbits(32)
+            _seed(state)
+            torch_generator.seed(state)
             _seed_numpy(self._own.getrandbits(32))
 
 
@@ -249,11 +252,12 @@ class _Stopwatch:
         self.seconds = seconds if _waits() > self._waits else cpu
 
 
-def _global_state() -> tuple[Any, Any]:
-    return _getstate(), _get_state()
+def _global_state() -> tuple[Any, Any, Any]:
+    return _getstate(), _get_state(), torch_generator.get()
 
 
-def _restore(state: tuple[Any, Any]) -> None:
+def _restore(state: tuple[Any, Any, Any]) -> None:
+    torch_generator.put(state[2])
     _setstate(state[0])
     _set_state(state[1])
 
