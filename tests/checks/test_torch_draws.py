@@ -1,4 +1,4 @@
-"""Numbers from torch's global generator are told from the clock and from the process."""
+"""Draws from the global generator of torch are not mistaken for the clock or the process."""
 
 from __future__ import annotations
 

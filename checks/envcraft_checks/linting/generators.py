@@ -90,7 +90,7 @@ def drawn_alike(subject: Subject) -> None:
     """Leave undecided how easy a game is that draws the same numbers in the first episode of each instance.
 
     Raises:
-        Undecided: all fresh episodes are one, whatever their seed.
+        Undecided: all fresh episodes are the same under every seed.
     """
     program = program_of(subject)
     if program is not None and (found := next(_seeded_once(program), None)) is not None:

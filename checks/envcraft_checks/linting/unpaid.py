@@ -42,7 +42,7 @@ def unpaid_successes(program: Program) -> Iterator[Suspect]:
             continue
         paid = next((one for one in writes if _pays(one, program)), None)
         if paid is not None:
-            words = f"pays 0 if {ast.unparse(parent.test)[:40]}, whatever line {paid.line} has paid in this step"
+            words = f"pays 0 if {ast.unparse(parent.test)[:40]}, although line {paid.line} has paid in this step"
             yield Suspect(line(parent), words, certain=False)
 
 

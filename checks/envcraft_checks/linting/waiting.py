@@ -96,7 +96,7 @@ class _Reading:
         return self._single and write.once and write.statement in self._step.node.body
 
     def paid(self, term: ast.expr, write: Write, sign: int) -> _Paid | None:
-        """What a term pays in each step, whatever the state of the game; None if that depends on it."""
+        """What a term pays in each step; None if that depends on the state of the game."""
         known = [write.amount] * self._limit if write.amount is not None else []
         if not known:
             numbers = [self._number(term, write, time) for time in range(1, self._limit + 1)]
@@ -268,7 +268,7 @@ def _bound(program: Program, node: ast.AST, function: Function) -> Iterator[tupl
 
 
 def _comes_with_time(program: Program, step: Function, values: list[Reported]) -> bool:
-    """Whether something that each step changes, whatever the action, decides success: then success means to last."""
+    """Whether something that each step changes under any action decides success: then success means to last."""
     clocks = {field for node, field in _steady(program, step) if not any(map(_is_local, ast.walk(node.value)))}
     return any(
         function.field(part) in clocks for node, function in _deciding(program, step, values) for part in ast.walk(node)
