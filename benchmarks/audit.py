@@ -106,7 +106,7 @@ def bare(folder: Path, driver: Driver) -> float:
     """CPU seconds of the jobs of an audit without a sandbox."""
     checks = default_checks()
     spent = 0.0
-    for path in sorted(folder.iterdir()):
+    for path in sorted(folder.glob("*.py")):
         plan = Plan([read_target(str(path))], ARCADE, driver, checks, BUDGETS["quick"])
         spent += sum(map(bare_jobs.seconds, bare_jobs.jobs_of(plan)))
     return spent
