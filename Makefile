@@ -115,7 +115,7 @@ clean:
 	@touch $@ .venv/core.stamp
 
 .venv/peers.stamp: .venv/dev.stamp
-	$(call INSTALL,--editable '.[dev,peers]')
+	$(call INSTALL,--editable '.[peers]')
 	@grep -v '^#' benchmarks/trainer_requirements.txt | while read -r peer; do \
 		{ $(call INSTALL,"$$peer"); } || echo "left out: $$peer"; done
 	@touch $@
