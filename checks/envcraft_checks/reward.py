@@ -52,10 +52,8 @@ reward = 0.01 * self.steps ** 2      # EC304
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterator
-from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -69,7 +67,10 @@ from envcraft.plugins import hookimpl
 from envcraft.text import plural, with_article
 
 from .rewards.blame import blamed_line, reward_line
-from .rewards.cycles import TIMES, leads_back
+from .rewards.failing import failing_pays
+from .rewards.farming import farmed
+from .rewards.growth import falls, growth
+from .rewards.successes import direct_successes, successes
 from .rewards.zeros import pays_nothing
 
 if TYPE_CHECKING:
@@ -78,16 +79,6 @@ if TYPE_CHECKING:
 
 _NUMBERS = ("int", "float", "numpy integer", "numpy floating")
 _LONG = 80
-_PARTS = 8
-_GROWTH = 4.0
-#: Most games pay rewards of this size.
-_USUAL = 1.0
-#: The share by which a return must exceed a success, the fewest repetitions of a loop, and the successes of an error.
-_CLEARLY, _REPEATS, _SUCCESSES = 0.25, 4, 3
-#: How many times more than every success a loop earns where that is an error.
-_FAR = 2
-#: The share of the longest episode within which a success comes soon.
-_SOON = 0.5
 
 
 class Reward(Check):
@@ -158,16 +149,16 @@ class Reward(Check):
             yield _placed(subject, silent)
             return
         unpaid = self._judge_wins(subject, traces)
-        traces += _direct_successes(subject, traces)
+        traces += direct_successes(subject, traces)
         failing = self._judge_failures(subject, traces)
         if failing is not None and not grown and (unpaid is None or failing.evidence["earned"] > 0):
             yield _placed(subject, failing)
         elif unpaid is not None:
             yield _placed(subject, unpaid)
-        for finding in [] if grown else self._judge_loops(subject, traces):
-            # Waiting that pays is a loop, too.
-            if failing is None or finding.severity is Severity.ERROR:
-                yield _placed(subject, finding)
+        loop = None if grown else self._judge_loops(subject, traces)
+        # Waiting that pays is a loop, too.
+        if loop is not None and (failing is None or loop.severity is Severity.ERROR):
+            yield _placed(subject, loop)
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
         if finding.code not in ("EC301", "EC302", "EC303"):
@@ -206,7 +197,7 @@ class Reward(Check):
         long = _long(traces)
         grown = {id(trace): ratio for trace in long if (ratio := growth(trace.rewards)) is not None}
         if late := len(grown) < len(long):
-            if any(_falls(trace.rewards) for trace in long):
+            if any(falls(trace.rewards) for trace in long):
                 return
             # Growth may begin too late for those that are shorter, or cut.
             long = [trace for trace in long if trace.ended and 2 * trace.steps >= max(each.steps for each in long)]
@@ -257,131 +248,37 @@ class Reward(Check):
         )
         return finding if certain else finding.as_warning()
 
-    def _judge_loops(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
-        best = _best_soon(traces, max(trace.steps for trace in traces))
-        won = _successes([*traces, *subject.privileged()])
-        if not won and not any(outcome.get("win") for outcome in subject.searches.explorations):
-            yield from self._judge_cycles(subject, traces)
-            return
-        most = max((trace.total for trace in won), default=0.0)
-        for number, actions, size in subject.searches.loops:
-            success = best.get(subject.episode_seed(number))
-            if success is None or not subject.affords(len(actions)):
-                continue
-            trace = self._repeated(subject, number, actions, size, success)
-            if trace is None:
-                continue
-            start = len(actions) - size
-            whole = range(start, start + (trace.steps - start) // size * size, size)
-            least = min((sum(trace.rewards[at : at + size]) for at in whole), default=0.0)
-            if least <= 0:
-                continue
-            finding = self.finding(
-                "EC307",
-                f"repeating {_in_words(actions[-size:])} pays at least {least:g} each time, without success: "
-                f"{trace.total:g} in {plural(trace.steps, 'step')}, while success on the same seed pays "
-                f"{success.total:g} in {plural(success.steps, 'step')}",
-                line=subject.line_of("step"),
-                repro=repro(trace.rollout),
-                loop=actions[-size:],
-                gain=least,
-                earned=trace.total,
-                success=most,
-            )
-            yield finding if trace.total >= _FAR * max(most, 0) else finding.as_warning()
-            return
-
-    def _judge_cycles(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
-        """Report a loop where no play succeeds: it pays on and on and leads back to the same state, and no other play
-        earns as much.
-        """
-        most, longest = max(trace.total for trace in traces), max(trace.steps for trace in traces)
-        for number, actions, size in subject.searches.loops:
-            trace = leads_back(subject, number, actions, size)
-            if trace is None:
-                continue
-            first = len(actions) - size
-            least = min(sum(trace.rewards[at : at + size]) for at in range(first, trace.steps, size))
-            earned = trace.total + least * max(longest - trace.steps, 0) / size
-            if least > 0 and earned >= clearly_more(most):
-                yield self.finding(
-                    "EC307",
-                    f"repeating {_in_words(actions[-size:])} pays at least {least:g} each time, {TIMES} times in a "
-                    f"row, and leads back to the same state; this earns {earned:g} in {plural(longest, 'step')}, while "
-                    f"no episode succeeds or earns more than {most:g}",
-                    line=subject.line_of("step"),
-                    repro=repro(trace.rollout),
-                    loop=actions[-size:],
-                    gain=least,
-                    earned=earned,
-                    most=most,
-                ).as_warning()
-                return
-
-    def _repeated(self, subject: Subject, number: int, actions: list[Any], size: int, success: Trace) -> Trace | None:
-        """An episode that repeats a loop to its end, or until it earns clearly more than success; None if it succeeds,
-        is lost, or earns less.
-        """
-        once = subject.searches.scripted(number, actions, "a loop of actions")
-        gain, left = sum(once.rewards[-size:]), subject.length - len(actions)
-        if not once.usable or once.ended or gain <= 0:
+    def _judge_loops(self, subject: Subject, traces: list[Trace]) -> Finding | None:
+        if (found := farmed(subject, traces)) is None:
             return None
-        least = clearly_more(success.total)
-        repeats = max(math.ceil((least - once.total) / gain) + 1, _REPEATS)
-        if repeats * size > left:
-            return None
-        if subject.affords(subject.length):
-            repeats = left // size
-        elif not subject.affords(repeats * size + len(actions)):
-            return None
-        trace = subject.searches.scripted(number, [*actions, *actions[-size:] * repeats], "a loop of actions")
-        lost = trace.ended and trace.terminated[-1]
-        if not trace.usable or trace.reported_success or lost or trace.total < least:
-            return None
-        return trace
+        finding = self.finding(
+            "EC307",
+            found.words,
+            line=subject.line_of("step"),
+            repro=repro(found.trace.rollout),
+            **found.evidence,
+        )
+        return finding if found.certain else finding.as_warning()
 
     def _judge_failures(self, subject: Subject, traces: list[Trace]) -> Finding | None:
-        won = _successes(traces)
-        pays = max((trace.rewards[-1] for trace in won), default=0.0)
-        shown: list[tuple[Trace, Trace]] = []
-        for seed in dict.fromkeys(trace.rollout.seed for trace in won):
-            same = [trace for trace in won if trace.rollout.seed == seed]
-            failed = [trace for trace in subject.played() if trace.rollout.seed == seed and _fails(trace, pays)]
-            idle = subject.contract.noop is not None and not any(_is_idle(trace) for trace in failed)
-            if idle and subject.affords(subject.length):
-                trace = subject.rollout(msgspec.structs.replace(subject.probes.noop(), seed=seed))
-                failed += [trace] if _fails(trace, pays) else []
-            if not failed:
-                return None
-            failure = max(failed, key=lambda trace: trace.total)
-            # A success that comes late shares what waiting for it pays; a loss that is paid pays in one step.
-            paid = failure.terminated[-1] and failure.rewards[-1] > pays
-            soon = [trace for trace in same if paid or trace.steps <= failure.steps * _SOON]
-            if any(failure.total < clearly_more(max(trace.total, pays)) for trace in soon):
-                return None
-            if any(trace.total > clearly_more(failure.total) for trace in same):
-                return None
-            shown += [(failure, trace) for trace in soon]
-        if not shown:
+        if (found := failing_pays(subject, traces)) is None:
             return None
-        failure, success = max(shown, key=lambda pair: pair[0].total - pair[1].total)
+        failure, success = found.failure, found.success
         finding = self.finding(
             "EC308",
             f"{failure.rollout.player} earns {failure.total:g} in {plural(failure.steps, 'step')} without success, "
-            f"while success on the same seed earns {success.total:g} in {plural(success.steps, 'step')}; {len(shown)} "
-            f"of {len(won)} successes earn clearly less than a failure on their seed, and none earns clearly more",
+            f"while success on the same seed earns {success.total:g} in {plural(success.steps, 'step')}; {found.shown} "
+            f"of {found.won} successes earn clearly less than a failure on their seed, and none earns clearly more",
             line=subject.line_of("step"),
             repro=repro(failure.rollout.cut(failure.steps)),
             earned=failure.total,
             success=success.total,
-            successes=len(shown),
+            successes=found.shown,
         )
-        usual = Counter(reward for trace in traces for reward in trace.rewards).most_common(1)[0][0]
-        punished = len(shown) > 1 and pays < min(usual, 0.0)
-        return finding if punished or len(shown) >= _SUCCESSES else finding.as_warning()
+        return finding if found.certain else finding.as_warning()
 
     def _judge_wins(self, subject: Subject, traces: list[Trace]) -> Finding | None:
-        won = _successes(traces)
+        won = successes(traces)
         if not won:
             return None
         shown = min(won, key=lambda trace: trace.steps)
@@ -440,77 +337,6 @@ def _pays(subject: Subject, traces: list[Trace]) -> bool:
     return any(outcome.get("paid", 1) for outcome in subject.searches.explorations)
 
 
-def _successes(traces: list[Trace]) -> list[Trace]:
-    """The episodes that end with reported success, each once."""
-    return list({trace.rollout.key(): trace for trace in traces if trace.ended and trace.reported_success}.values())
-
-
-def _best_soon(traces: list[Trace], limit: int) -> dict[int, Trace]:
-    """The success with the highest return on each seed, of those that come soon if there are any."""
-    best: dict[int, Trace] = {}
-    for trace in _successes(traces):
-        known = best.setdefault(trace.rollout.seed, trace)
-        worth = [(each.steps <= limit * _SOON, each.total) for each in (trace, known)]
-        if worth[0] > worth[1]:
-            best[trace.rollout.seed] = trace
-    return best
-
-
-def _direct_successes(subject: Subject, traces: list[Trace]) -> list[Trace]:
-    """Successes without detours, on seeds where steps pay and no success comes soon.
-
-    A search follows what pays, so where each step does, it comes to a success late, if at all. Actions that lead back
-    to the same observation are left out.
-    """
-    limit = max(trace.steps for trace in traces) * _SOON
-    soonest: dict[int, Trace] = {}
-    for trace in sorted(_successes(traces), key=lambda trace: trace.steps):
-        soonest.setdefault(trace.rollout.seed, trace)
-    found = []
-    for trace in soonest.values():
-        if trace.steps > limit and not trace.opaque and sum(reward > 0 for reward in trace.rewards) > trace.steps / 2:
-            actions = _without_detours(trace)
-            if len(actions) <= limit and subject.affords(len(actions)):
-                player = f"{trace.rollout.player} without detours"
-                found.append(subject.rollout(Rollout(trace.rollout.seed, actions, player=player)))
-    return [trace for trace in found if trace.usable]
-
-
-def _without_detours(trace: Trace) -> list[Any]:
-    """The actions of an episode, without those between two equal observations."""
-    last = {observation: step for step, observation in enumerate(trace.observations[: trace.steps])}
-    actions, step = [], 0
-    while step < trace.steps:
-        step = last[trace.observations[step]]
-        actions.append(trace.actions[step])
-        step += 1
-    return actions
-
-
-def _fails(trace: Trace, pays: float) -> bool:
-    """Whether an episode ends without success although it holds one action, or with a loss that pays more than the
-    step that wins `pays`.
-    """
-    if not trace.ended or trace.reported_success:
-        return False
-    return len({str(action) for action in trace.actions}) == 1 or (trace.terminated[-1] and trace.rewards[-1] > pays)
-
-
-def _is_idle(trace: Trace) -> bool:
-    return trace.rollout.player == "doing nothing"
-
-
-def clearly_more(earned: float) -> float:
-    """The least return that is clearly more than another."""
-    return earned + max(_CLEARLY * abs(earned), 1e-6)
-
-
-def _in_words(actions: list[Any]) -> str:
-    if len({str(action) for action in actions}) > 1:
-        return str(actions)
-    return str(actions[0]) if len(actions) == 1 else f"{actions[0]} {len(actions)} times"
-
-
 def _long(traces: list[Trace]) -> list[Trace]:
     return [trace for trace in traces if trace.usable and trace.steps >= _LONG]
 
@@ -519,35 +345,6 @@ def _enough(long: list[Trace], late: bool) -> bool:
     """Whether so many episodes show growth; if it begins late, under varied actions on two seeds, too."""
     varied = {trace.rollout.seed for trace in long if len({str(action) for action in trace.actions}) > 1}
     return len(long) >= 3 and (not late or len(varied) > 1)
-
-
-def growth(rewards: list[float]) -> float | None:
-    """How many times larger rewards are in the last eighth of an episode than in the first eighth that pays.
-
-    Args:
-        rewards: all rewards of an episode, shape ``(steps,)``.
-
-    Returns:
-        The ratio; None if some eighth does not exceed the one before, if growth starts in the second half, or if the
-        ratio or the last rewards are small.
-    """
-    sizes = _sizes(rewards)
-    paid = sizes[next((number for number, size in enumerate(sizes) if size), _PARTS) :]
-    if len(paid) < _PARTS // 2 or any(later <= earlier for earlier, later in pairwise(paid)):
-        return None
-    ratio = paid[-1] / paid[0]
-    return ratio if ratio >= _GROWTH and paid[-1] >= _USUAL else None
-
-
-def _falls(rewards: list[float]) -> bool:
-    return any(later < earlier for earlier, later in pairwise(_sizes(rewards)))
-
-
-def _sizes(rewards: list[float]) -> list[float]:
-    """The median size of rewards in each eighth of an episode: single large rewards do not count."""
-    part = len(rewards) // _PARTS
-    parts = (sorted(map(abs, rewards[number * part : (number + 1) * part])) for number in range(_PARTS))
-    return [window[len(window) // 2] for window in parts]
 
 
 @hookimpl

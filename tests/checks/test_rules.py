@@ -9,7 +9,7 @@ import pytest
 from envcraft_checks.comparing.traces import diverge
 from envcraft_checks.imports import required_imports
 from envcraft_checks.pictures.noise import noise
-from envcraft_checks.reward import growth
+from envcraft_checks.rewards.growth import growth
 
 from envcraft.judging.check import Check
 from envcraft.model.job import ExitReason, JobResult

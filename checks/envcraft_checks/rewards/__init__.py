@@ -1,1 +1,1 @@
-"""What the check ``reward`` reads from a syntax tree: the lines that write the reward, and the one behind a finding."""
+"""What the check ``reward`` reads: lines that write the reward from the code, and what earns too much from play."""

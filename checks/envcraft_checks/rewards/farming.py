@@ -1,0 +1,124 @@
+"""Loops of actions that pay each time, and earn more than success does."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from envcraft.text import plural
+
+from .cycles import TIMES, leads_back
+from .successes import best_soon, clearly_more, successes
+
+if TYPE_CHECKING:
+    from envcraft.judging.subject import Subject
+    from envcraft.model.trace import Trace
+
+#: The fewest repetitions of a loop.
+_REPEATS = 4
+#: How many times more than every success a loop earns where that is an error.
+_FAR = 2
+
+
+class Farmed(NamedTuple):
+    """A loop that pays.
+
+    Attributes:
+        trace: an episode that repeats it.
+        words: what it earns, as a sentence.
+        certain: whether it earns far more than every success.
+        evidence: the loop, what a repetition pays at least, and the returns that are compared.
+    """
+
+    trace: Trace
+    words: str
+    certain: bool
+    evidence: dict[str, Any]
+
+
+def farmed(subject: Subject, traces: list[Trace]) -> Farmed | None:
+    """The first loop that earns clearly more than a success on its seed; where no play succeeds, than all other play.
+
+    Args:
+        subject: the environment.
+        traces: what was played.
+    """
+    won = successes([*traces, *subject.privileged()])
+    if not won and not any(outcome.get("win") for outcome in subject.searches.explorations):
+        return _cycle(subject, traces)
+    best = best_soon(traces, max(trace.steps for trace in traces))
+    most = max((trace.total for trace in won), default=0.0)
+    for number, actions, size in subject.searches.loops:
+        success = best.get(subject.episode_seed(number))
+        if success is None or not subject.affords(len(actions)):
+            continue
+        trace = _repeated(subject, number, actions, size, success)
+        if trace is None:
+            continue
+        start = len(actions) - size
+        whole = range(start, start + (trace.steps - start) // size * size, size)
+        least = min((sum(trace.rewards[at : at + size]) for at in whole), default=0.0)
+        if least <= 0:
+            continue
+        return Farmed(
+            trace,
+            f"repeating {_in_words(actions[-size:])} pays at least {least:g} each time, without success: "
+            f"{trace.total:g} in {plural(trace.steps, 'step')}, while success on the same seed pays "
+            f"{success.total:g} in {plural(success.steps, 'step')}",
+            trace.total >= _FAR * max(most, 0),
+            {"loop": actions[-size:], "gain": least, "earned": trace.total, "success": most},
+        )
+    return None
+
+
+def _cycle(subject: Subject, traces: list[Trace]) -> Farmed | None:
+    """A loop where no play succeeds: it pays on and on and leads back to the same state, and no other play earns as
+    much.
+    """
+    most, longest = max(trace.total for trace in traces), max(trace.steps for trace in traces)
+    for number, actions, size in subject.searches.loops:
+        trace = leads_back(subject, number, actions, size)
+        if trace is None:
+            continue
+        first = len(actions) - size
+        least = min(sum(trace.rewards[at : at + size]) for at in range(first, trace.steps, size))
+        earned = trace.total + least * max(longest - trace.steps, 0) / size
+        if least > 0 and earned >= clearly_more(most):
+            return Farmed(
+                trace,
+                f"repeating {_in_words(actions[-size:])} pays at least {least:g} each time, {TIMES} times in a "
+                f"row, and leads back to the same state; this earns {earned:g} in {plural(longest, 'step')}, while "
+                f"no episode succeeds or earns more than {most:g}",
+                False,
+                {"loop": actions[-size:], "gain": least, "earned": earned, "most": most},
+            )
+    return None
+
+
+def _repeated(subject: Subject, number: int, actions: list[Any], size: int, success: Trace) -> Trace | None:
+    """An episode that repeats a loop to its end, or until it earns clearly more than success; None if it succeeds, is
+    lost, or earns less.
+    """
+    once = subject.searches.scripted(number, actions, "a loop of actions")
+    gain, left = sum(once.rewards[-size:]), subject.length - len(actions)
+    if not once.usable or once.ended or gain <= 0:
+        return None
+    least = clearly_more(success.total)
+    repeats = max(math.ceil((least - once.total) / gain) + 1, _REPEATS)
+    if repeats * size > left:
+        return None
+    if subject.affords(subject.length):
+        repeats = left // size
+    elif not subject.affords(repeats * size + len(actions)):
+        return None
+    trace = subject.searches.scripted(number, [*actions, *actions[-size:] * repeats], "a loop of actions")
+    lost = trace.ended and trace.terminated[-1]
+    if not trace.usable or trace.reported_success or lost or trace.total < least:
+        return None
+    return trace
+
+
+def _in_words(actions: list[Any]) -> str:
+    if len({str(action) for action in actions}) > 1:
+        return str(actions)
+    return str(actions[0]) if len(actions) == 1 else f"{actions[0]} {len(actions)} times"
