@@ -257,8 +257,8 @@ def judge(
             if (check.gate and report.verdict is Verdict.ERROR) or _stops(check, report):
                 blocked = f"the check {check.name} did not pass"
             done.append(report)
-            if len(done) == 3 and not blocked:
-                # Workers that start earlier would delay the first episodes.
+            if len(done) == 3 and not blocked and report.verdict is not Verdict.SKIP:
+                # Workers that start earlier would delay the first episodes. Where each job dies, none is needed.
                 subject.lease.reserve(seed for later in plan.checks for seed in later.hash_seeds)
             yield CheckFinished(target.path, report)
         if not blocked:
