@@ -80,8 +80,9 @@ if TYPE_CHECKING:
 
 #: Codes after which the comparison goes on without their cause.
 _WARNINGS = {*TELEMETRY.values(), "EC218"}
-#: Layouts of memory that are tried, and how many if the code uses addresses, which a few layouts may leave equal.
-_LAYOUTS, _MORE_LAYOUTS = 3, 9
+#: Layouts of memory that are tried, and how many of them in workers of their own. Code that uses addresses needs more,
+#: because few may leave them equal.
+_LAYOUTS, _MORE_LAYOUTS = (6, 1), (12, 3)
 #: Repetitions of a condition. At least one of them must differ again.
 _CONFIRMED = 3
 
@@ -317,6 +318,7 @@ class Determinism(Check):
         if found is not None:
             yield self._found(subject, rollout, causes.of_repetitions(subject, rollout, found, info))
             return
+        left_out |= conditions.interrupting(subject, rollout, left_out)
         together = conditions.together(subject, rollout, left_out)
         everything = subject.rollout(rollout.under(together), alone=True)
         found = diverge(base, everything, info)
@@ -343,9 +345,12 @@ class Determinism(Check):
             rollout = rollout.cut(found.step)
             base = subject.rollout(rollout, alone=True)
         program = program_of(subject)
-        layouts = _MORE_LAYOUTS if program is not None and any(addresses(program)) else _LAYOUTS
+        layouts, workers = _LAYOUTS
+        if program is not None and any(addresses(program)):
+            layouts, workers = _MORE_LAYOUTS
         for heap in range(1, 1 + layouts):
-            fresh = Conditions(fresh=True, heap=heap)
+            # In a worker of its own, the libraries lie elsewhere, too, but workers start slowly.
+            fresh = Conditions(fresh=heap <= workers, heap=heap)
             if (again := diverge(base, subject.rerun(rollout.under(fresh)), info)) is not None:
                 yield self._found(subject, rollout, Cause("EC202", fresh, again))
                 return

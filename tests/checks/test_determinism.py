@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import msgspec
 import pytest
 from envcraft_checks.determinism import Determinism
 
@@ -12,7 +13,7 @@ import envcraft
 from envcraft.judging.budget import BUDGETS
 from envcraft.model.rollout import ClockShift, Conditions, Episode, Rollout
 from envcraft.model.target import Kind, Target
-from envcraft.model.trace import Trace
+from envcraft.model.trace import Fault, Trace
 from envcraft.model.verdict import Finding
 
 CLOCK, BEFORE = Conditions(clock=ClockShift(1.0, 2.0)), Conditions(before=[Episode(1, [])])
@@ -109,6 +110,38 @@ def test_a_difference_has_only_the_conditions_that_it_takes(
 def test_the_time_of_day_is_not_taken_for_the_process(compared: Callable[[Any], list[Finding]]) -> None:
     [finding] = compared(Daytime())
     assert (finding.code, finding.line) == ("EC205", 5), finding.message
+
+
+class Crashing(Played):
+    """One that raises in earlier episodes, and perhaps depends on other conditions."""
+
+    def __init__(self, *causes: str) -> None:
+        super().__init__(*causes)
+        self.played: list[Conditions] = []
+
+    def rollout(self, rollout: Rollout, alone: bool = False) -> Trace:
+        self.played.append(rollout.conditions)
+        trace = super().rollout(rollout)
+        if rollout.conditions.before:
+            trace.observations.clear()
+            trace.fault = Fault("before", "IndexError")
+        return trace
+
+    rerun = rollout
+
+
+@pytest.mark.parametrize(("causes", "codes"), [((), []), (("clock",), ["EC205"]), (("render",), ["EC208"])])
+def test_earlier_episodes_that_raise_are_left_out(
+    causes: tuple[str, ...], codes: list[str], compared: Callable[[Any], list[Finding]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def together(subject: Any, rollout: Rollout, left_out: frozenset[str]) -> Conditions:
+        return msgspec.structs.replace(ALL, before=[]) if "before" in left_out else ALL
+
+    monkeypatch.setattr("envcraft_checks.comparing.conditions.together", together)
+    subject = Crashing(*causes)
+    assert [finding.code for finding in compared(subject)] == codes
+    # All conditions differ in nothing, so none is tried alone but the earlier episodes.
+    assert codes or (BEFORE in subject.played and CLOCK not in subject.played)
 
 
 def test_success_that_is_kept_is_no_telemetry() -> None:

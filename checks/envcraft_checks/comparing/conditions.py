@@ -8,6 +8,8 @@ import msgspec
 
 from envcraft.model.rollout import ClockShift, Conditions, Episode, Rollout
 
+from .traces import interrupted
+
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
     from envcraft.spaces.spec import SpaceSpec
@@ -20,6 +22,8 @@ OTHER_HASHES = 20_241
 OTHER_STATE = 1_000_003
 #: The conditions of how actions are passed.
 HABITS = {"reuse", "int32", "python"}
+#: The phases that are calls of a condition, and its name.
+_OWN_CALLS = {"earlier reset": "before", "before": "before", "companion": "companion"}
 
 
 def together(subject: Subject, rollout: Rollout, left_out: frozenset[str] = frozenset()) -> Conditions:
@@ -54,6 +58,23 @@ def alone(subject: Subject, rollout: Rollout) -> list[tuple[str, Conditions, str
         *optional,
         *_habits(subject.action_space),
     ]
+
+
+def interrupting(subject: Subject, rollout: Rollout, left_out: frozenset[str]) -> frozenset[str]:
+    """The conditions whose own calls raise, with the others and alone: earlier episodes, say, of a game that crashes.
+
+    They end the episode before it can be compared, so the other conditions are judged without them.
+    """
+    by_name = {name: conditions for _, conditions, name in alone(subject, rollout) if name not in left_out}
+    found: set[str] = set()
+    while True:
+        trace = subject.rollout(rollout.under(together(subject, rollout, left_out | found)), alone=True)
+        name = _OWN_CALLS.get(trace.fault.phase, "") if trace.fault is not None else ""
+        if name not in by_name or name in found:
+            return frozenset(found)
+        if not interrupted(subject.rollout(rollout.under(by_name[name]), alone=True)):
+            return frozenset(found)
+        found.add(name)
 
 
 def _renders(subject: Subject) -> bool:
