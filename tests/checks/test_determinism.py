@@ -124,7 +124,7 @@ class Crashing(Played):
         trace = super().rollout(rollout)
         if rollout.conditions.before:
             trace.observations.clear()
-            trace.fault = Fault("before", "IndexError")
+            trace.fault = Fault("before", 0, "IndexError")
         return trace
 
     rerun = rollout
