@@ -6,13 +6,15 @@ repetition runs in another process. The second changes all conditions at the sam
 PYTHONHASHSEED, global random generators in another state, a shifted and faster clock, empty options, earlier episodes
 on the same instance, a second instance that is stepped alongside, `render()` between the steps, and actions as other
 callers pass them: in one array that they overwrite for each step, as int32, and as Python's ints and lists where the
-action space contains these. If this trace differs and the code reads the clock, the check first holds the clock: the
-clock is the cause if moving it changes the trace, and nothing else about the process does while it is held. Otherwise
-the check tries each condition alone. If none of them shows the difference, it tries a very fast clock, and then leaves
-out each condition that the difference does not need. The finding names the condition, the first step and the field,
-with the part of an observation or the key of info that differs. It also names the lines that depend on the condition:
-lines that draw from global generators, read the clock, use the order of a set, or write state that episodes or
-instances share.
+action space contains these. If the earlier episodes or the second instance raise an exception, the check compares
+without them.
+
+If this trace differs and the code reads the clock, the check first holds the clock: the clock is the cause if moving it
+changes the trace, and nothing else about the process does while it is held. Otherwise the check tries each condition
+alone. If none of them shows the difference, it tries a very fast clock, and then leaves out each condition that the
+difference does not need. The finding names the condition, the first step and the field, with the part of an observation
+or the key of info that differs. It also names the lines that depend on the condition: lines that draw from global
+generators, read the clock, use the order of a set, or write state that episodes or instances share.
 
 Then the check plays both runs once more and compares their states after each step: the attributes of the environment
 and of its objects, class attributes, globals of the module, default arguments and random generators. The finding names
