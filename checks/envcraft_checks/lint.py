@@ -21,7 +21,8 @@ success that the info of another end has. EC062 is about each branch that brings
 negative numbers, or the step of success pays 0 after all. EC063 is about an attribute that render() counts on, and that
 step() reads. EC064 is about a picture of bytes that becomes one of floats. EC065 is about what each step pays, or each
 step with a button held, if that is more than success pays. EC066 is about a flag that only reset() clears: where it is
-true, the picture shows nothing new.
+true, the picture shows nothing new. EC067 is about a list that is written out and a counter that reads its items: no
+test and no limit keeps the counter below the length.
 
 The check runs after the others. If play has shown a defect of the same kind, for example EC204 for a draw from a
 global generator, that finding has the reproduction, and this check does not repeat it. A rule that is off by default
@@ -83,6 +84,7 @@ from .linting.program import Program, Suspect, in_words
 from .linting.punished import punished_successes
 from .linting.rendering import drawn_changes
 from .linting.results import wrong_results
+from .linting.running_out import short_lists
 from .linting.sharing import aliases, shared
 from .linting.skipped import skipped_numbers
 from .linting.stopping import stopped_pictures
@@ -139,6 +141,7 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC064", float_pictures),
     ("EC065", waiting_pays),
     ("EC066", stopped_pictures),
+    ("EC067", short_lists),
 )
 
 
@@ -264,6 +267,14 @@ class Lint(Check):
             "After an event the observation shows nothing new until reset().",
             "Draw the state after the event, too, or end the episode there.",
             confirmed_by=("EC401", "EC402", "EC403", "EC404", "EC405"),
+        ),
+        Rule(
+            "EC067",
+            "list-runs-out",
+            "The code reads a list of a fixed length by a counter that nothing limits.",
+            "Use min(self.counter, len(items) - 1), or end the episode before the last item.",
+            Severity.WARNING,
+            confirmed_by=("EC107",),
         ),
     )
 

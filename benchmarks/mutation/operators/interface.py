@@ -90,7 +90,7 @@ def rare_action_late(game: Source) -> Places:
         ]
 
 
-@operator("EC107", "EC05")
+@operator("EC107", "EC05", "EC067")
 def crash_after_events(game: Source) -> Places:
     """Read past the end of a list at the third event."""
     if game.seeding is not None:
