@@ -69,7 +69,10 @@ GUST = "def more(self): self.x = self.np_random.random()"
         ("EC053", {"reset": "self.hurt = False if not hasattr(self, 'hurt') else self.hurt", "ended": "self.hurt"}),
         ("EC053", {"step": "self.count += 1", "ended": "self.count > 9"}),
         ("EC053", {"see": "page = self.canvas[self.count]; self.count = 1 - self.count; return page.copy()"}),
-        ("EC053", {"see": "page = self.shared[self.count % 2]; self.count += 1; page[:2] = 1; return page.copy()"}),
+        (
+            "EC053",
+            {"see": "page = self.shared[self.count]; self.count = self.count + 1; page[:2] = 1; return page.copy()"},
+        ),
         ("EC053", {"step": "self.note()", "more": "def note(self, seen=[]): seen.append(1)"}),
         ("EC053", {"step": "global LIMIT; LIMIT += 1", "ended": "LIMIT > 9"}),
         (
