@@ -105,6 +105,12 @@ class Bare:
             [sys.executable, "-m", "benchmarks.bare", str(path)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            env={
+                **os.environ,
+                "SDL_VIDEODRIVER": "dummy",
+                "SDL_AUDIODRIVER": "dummy",
+                "PYGAME_HIDE_SUPPORT_PROMPT": "1",
+            },
             text=True,
         )
 
