@@ -243,7 +243,7 @@ class Determinism(Check):
                 # Each further seed would try all conditions again for the same defect.
                 return
         if len(reset) < len(plays):
-            raise Undecided(subject.without_reset)
+            raise Undecided(subject.without_reset(plays[len(reset)]))
         if not any(play.usable and play.steps for play in plays):
             raise Undecided("each episode raises an error or has no step")
         yield from modes.unrendered(self, subject)

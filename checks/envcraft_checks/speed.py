@@ -119,7 +119,7 @@ class Speed(Check):
             subject.time_limit.shorten(_SLOW)
             yield found
         elif not trace.observations:
-            raise Undecided(subject.without_reset)
+            raise Undecided(subject.without_reset(trace))
         elif not trace.usable and not _enough(trace):
             raise Undecided(f"only {plural(trace.steps, 'step')} could be measured")
 

@@ -26,7 +26,7 @@ from envcraft.judging.worker_pool import Lease
 from envcraft.model.contract import Contract
 from envcraft.model.rollout import Action, Conditions, Rollout, Search
 from envcraft.model.target import PolicyFile, Project, Target
-from envcraft.model.trace import Fault, Trace
+from envcraft.model.trace import Ending, Fault, Trace
 from envcraft.model.verdict import Line
 from envcraft.similarity.behavioural import fingerprint
 from envcraft.spaces.spec import SpaceSpec
@@ -279,9 +279,10 @@ class Subject:
         """The environment steps that were requested."""
         return self.cache.steps
 
-    @property
-    def without_reset(self) -> str:
-        """Why no episode begins, for the reason of a check."""
+    def without_reset(self, trace: Trace) -> str:
+        """Why the episode of this trace did not begin, for the reason of a check."""
+        if trace.ending is Ending.BROKEN:
+            return "reset() did not return: see the check sandbox"
         takes = "seed" in self.load().description.get("reset", ("seed",))
         return "reset() does not return an observation and info" if takes else "reset() does not take seed="
 

@@ -27,9 +27,10 @@ from .stack import Stack
 _CHUNK, _PIECE = 1 << 20, 1 << 16
 _SERVER_SECONDS = 60.0
 _GOODBYE_SECONDS = 1.0
-#: Patience with a job that is to write its stack, and with its next lines.
+#: Patience with a job that is to write its stack, with its next lines, and with one that floods its output.
 _STACK_SECONDS = 0.5
 _STACK_PAUSE = 0.05
+_FLOOD_PAUSE = 0.05
 _LOADING = ("start", "import", "construct", "policy")
 #: Number of jobs of a series that one process runs.
 _SERIES = 64
@@ -283,7 +284,7 @@ class _Watch:
             os.set_blocking(self._output, True)
             return self._end(how)
         if how in (ExitReason.TIMEOUT, ExitReason.FLOOD):
-            self._dump()
+            self._dump(_FLOOD_PAUSE if how is ExitReason.FLOOD else 0.0)
         died = how is ExitReason.DIED
         # A job that reported its end or closed its channel may still run.
         patience = _GOODBYE_SECONDS if how in (ExitReason.DONE, ExitReason.DIED) else 0
@@ -431,11 +432,18 @@ class _Watch:
             self._head += data[:room]
         return bool(data)
 
-    def _dump(self) -> None:
-        """Ask the job for its stack, which follows its output, and wait a moment for it."""
+    def _dump(self, pause: float) -> None:
+        """Ask the job for its stack, which follows its output, and wait a moment for it.
+
+        Args:
+            pause: nobody reads the output for so many seconds before the request and after it. A job that floods it
+                then waits in the call that prints, and its stack shows that call.
+        """
         self._drain()
         self._own = False
+        time.sleep(pause)
         self._worker.dump(self._number)
+        time.sleep(pause)
         received, deadline = b"", time.monotonic() + _STACK_SECONDS
         begun = False
         with contextlib.suppress(BlockingIOError):
