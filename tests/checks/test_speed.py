@@ -130,7 +130,7 @@ def test_a_reset_that_takes_long_each_time(reset: str, code: str | None) -> None
     "step",
     [
         "busy(1 / 60)",
-        "self.steps or busy(2)",
+        "self.steps or busy(1)",
         "self.steps or time.sleep(0.5)",
         "self.steps % 25 or busy(0.3)",
         "self.steps % 2 and time.sleep(1 / 120)",
