@@ -51,11 +51,10 @@ def judge(version: str, wheel: Path, folder: Path) -> str:
     python = interpreter(version)
     if python is None:
         return "not on this machine"
-    subprocess.run([python, "-m", "venv", str(folder / "venv")], check=True, timeout=_INSTALL_SECONDS)
+    subprocess.run([python, "-m", "venv", "--without-pip", str(folder / "venv")], check=True, timeout=_INSTALL_SECONDS)
     program = folder / "venv" / "bin"
-    pip = [str(program / "python"), "-m", "pip", "install", "--quiet", "--retries", "1", "--timeout", "30", str(wheel)]
     try:
-        installed = subprocess.run(pip, capture_output=True, text=True, timeout=_INSTALL_SECONDS, check=False)
+        installed = _install(wheel, program / "python")
     except subprocess.TimeoutExpired:
         return "the dependencies cannot be installed: out of time"
     if installed.returncode:
@@ -73,6 +72,21 @@ def judge(version: str, wheel: Path, folder: Path) -> str:
         if not expected(file) <= codes or bool(codes) != bool(expected(file)):
             return f"wrong: {file.name} has {sorted(codes)} and not {sorted(expected(file))}"
     return f"{len(files)} examples judged as expected"
+
+
+def _install(wheel: Path, python: Path) -> subprocess.CompletedProcess[str]:
+    """As in the Makefile: uv takes a fraction of pip's time, and pip installs where uv cannot reach an index."""
+
+    def run(*words: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(words, capture_output=True, text=True, timeout=_INSTALL_SECONDS, check=False)
+
+    uv = Path(sys.executable).with_name("uv")
+    installed = run(str(uv), "pip", "install", "--quiet", "--compile-bytecode", "--python", str(python), str(wheel))
+    if installed.returncode:
+        run(str(python), "-m", "ensurepip")
+        pip = (str(python), "-m", "pip", "install", "--quiet", "--retries", "1", "--timeout", "30")
+        installed = run(*pip, str(wheel))
+    return installed
 
 
 if __name__ == "__main__":
