@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 #: Repetitions before equality counts: a number drawn from a small range may be the same by chance.
 REPEATS = 7
+#: Steps after the first difference that repetitions take: a single step is often the same by chance.
+_BEYOND = 16
 #: The code of a difference in info only, by the code of a difference elsewhere.
 TELEMETRY = {"EC205": "EC210", "EC206": "EC211"}
 #: Runs with a changed condition. At least one of them differs if the condition is the cause.
@@ -67,7 +69,7 @@ def of_repetitions(subject: Subject, rollout: Rollout, found: Divergence, info: 
     A cause makes all repetitions equal while it is held, and differs when it changes: few repetitions of an episode
     that rarely differs are equal by chance.
     """
-    short = rollout.cut(found.step)
+    short = rollout.cut(found.step + _BEYOND)
     process = Cause("EC202", Conditions(fresh=True, heap=1), found)
     clock = Cause(code_of(subject, "EC205", found), Conditions(clock=SHIFTED), found)
     reseeded = [
