@@ -18,7 +18,7 @@ from envcraft.model.trace import Trace
 #: Steps that a rolling-horizon search may try for each step of the episode.
 _HORIZON = 40
 #: The most steps of a search for hidden states after its path.
-_REACT = 240
+_REACT = 360
 #: The most steps of a search that goes back and forth after its path, how many such searches there are, and the steps
 #: within which their episodes must be paid.
 _ROCK, _ROCKS, _SOON = 250, 6, 60

@@ -210,6 +210,15 @@ def test_the_last_action_is_no_hidden_state() -> None:
     assert searched("react", step="self.last = action", source=still)[0].states == 1
 
 
+def test_the_way_that_a_figure_faces_is_no_hidden_state() -> None:
+    still = SPRING.replace("(0, 1, -1)[action]", "0")
+    facing = {"reset": "self.facing = 0", "step": "self.facing = action or self.facing"}
+    assert searched("react", source=still, **facing)[0].states == 1
+    # A move on three lanes reaches its lane at once, too, but the move before it matters.
+    lanes = {"reset": "self.lane = 1", "step": "self.lane = min(max(self.lane + (0, 1, -1)[action], 0), 2)"}
+    assert searched("react", source=still, **lanes)[0].states == 3
+
+
 def test_states_that_differ_by_themselves_are_not_known() -> None:
     own = SPRING.replace("import numpy", "import itertools, numpy").replace(
         "class", "COUNT = itertools.count()\n\nclass"

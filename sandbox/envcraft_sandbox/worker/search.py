@@ -216,7 +216,8 @@ def react(tree: Tree) -> None:
     """Follow a path, hold each move there for some steps and then do nothing: `states` counts the different states that
     look like doing nothing throughout.
 
-    A state that only keeps the last action is not different. The moves differ from doing nothing in one component, the
+    A state that only keeps the last action, or the last move such as the way that a figure faces, is not different. The
+    moves differ from doing nothing in one component, the
     one with the most values. If most of these branches end early, shorter ones are tried.
     """
     node = tree.root()
@@ -224,15 +225,25 @@ def react(tree: Tree) -> None:
         return
     moves = _moves(tree.actions)
     for held, rested in _BRANCHES:
-        whole = [branch for move in moves if (branch := _branch(tree, node, move, moves[0], held, rested))]
+        rest = [moves[0]] * rested
+        whole = [(move, branch) for move in moves if (branch := _branch(tree, node, [move] * held + rest))]
         if 2 * len(whole) > len(moves):
             break
     if not whole:
         return
-    alike = {state for _, pictures, state in whole if pictures == whole[0][1]}
+    still, (pictures, unmoved) = whole[0]
     # Where two branches that did the same differ, a difference says nothing.
-    if _branch(tree, node, whole[0][0], moves[0], held, rested) == whole[0]:
-        tree.out.states = len(alike)
+    if _branch(tree, node, [still] * held + rest) != (pictures, unmoved):
+        return
+    moved = [(move, state) for move, (seen, state) in whole if seen == pictures and state != unmoved]
+
+    def kept(move: Any, state: str) -> bool:
+        """Whether the state is the same after another move, held before this one."""
+        others = [other for other, reached in moved if reached != state]
+        mixed = ([other] * (held - 1) + [move] + rest for other in others)
+        return bool(others) and all((found := _branch(tree, node, one)) and found[1] == state for one in mixed)
+
+    tree.out.states = 1 + len({state for move, state in moved if not kept(move, state)})
 
 
 def rock(tree: Tree) -> None:
@@ -260,16 +271,14 @@ def _pays_again(tree: Tree, node: Node, turn: list[Any]) -> bool:
     return True
 
 
-def _branch(tree: Tree, node: Node, move: Any, idle: Any, held: int, rested: int) -> tuple[Any, list[int], str] | None:
-    """The move, the pictures and the last state of a branch that holds a move and then does nothing; None if it ends
-    before.
-    """
+def _branch(tree: Tree, node: Node, actions: list[Any]) -> tuple[list[int], str] | None:
+    """The pictures and the last state of a branch that takes these actions; None if it ends before."""
     branch, pictures = tree.branch(node), []
-    for action in [move] * held + [idle] * rested:
+    for action in actions:
         if tree.spent() or not tree.step(branch, action):
             return None
         pictures.append(frame_hash(tree.frame))
-    return move, pictures, json.dumps(State(branch.env).values)
+    return pictures, json.dumps(State(branch.env).values)
 
 
 def _moves(actions: list[Any]) -> list[Any]:
