@@ -22,7 +22,8 @@ negative numbers, or the step of success pays 0 after all. EC063 is about an att
 step() reads. EC064 is about a picture of bytes that becomes one of floats. EC065 is about what each step pays, or each
 step with a button held, if that is more than success pays. EC066 is about a flag that only reset() clears: where it is
 true, the picture shows nothing new. EC067 is about a list that is written out and a counter that reads its items: no
-test and no limit keeps the counter below the length.
+test and no limit keeps the counter below the length. EC068 is about a number that is named for a cost and pays.
+EC069 is about arrays of unsigned integers: distances between them, and colours that pass 255.
 
 The check runs after the others. If play has shown a defect of the same kind, for example EC204 for a draw from a
 global generator, that finding has the reproduction, and this check does not repeat it. A rule that is off by default
@@ -64,6 +65,7 @@ from envcraft.plugins import hookimpl
 from .linting.absorbed import absorbed_ends
 from .linting.actions import impossible_actions
 from .linting.clock import clocks
+from .linting.costs import paying_costs
 from .linting.dead import late_results, repeated_tests
 from .linting.dtypes import float_pictures
 from .linting.early import early_successes
@@ -76,12 +78,15 @@ from .linting.leftovers import leftovers
 from .linting.limits import other_limits
 from .linting.logic import contradictions, divisions
 from .linting.order import orders
+from .linting.outdated import outdated_generators
+from .linting.overflow import overflows
 from .linting.owed import owed_rewards
 from .linting.pairs import short_comparisons
 from .linting.parts import parts_read_twice
 from .linting.powers import powers
 from .linting.program import Program, Suspect, in_words
 from .linting.punished import punished_successes
+from .linting.remembered import remembered
 from .linting.rendering import drawn_changes
 from .linting.results import wrong_results
 from .linting.running_out import short_lists
@@ -105,10 +110,12 @@ _LINES = 20
 
 _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC050", generators),
+    ("EC050", outdated_generators),
     ("EC051", clocks),
     ("EC052", orders),
     ("EC053", shared),
     ("EC053", leftovers),
+    ("EC053", remembered),
     ("EC054", aliases),
     ("EC055", effects),
     ("EC056", floats),
@@ -142,6 +149,8 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC065", waiting_pays),
     ("EC066", stopped_pictures),
     ("EC067", short_lists),
+    ("EC068", paying_costs),
+    ("EC069", overflows),
 )
 
 
@@ -179,7 +188,7 @@ class Lint(Check):
         Rule(
             "EC054",
             "shared-array",
-            "The code returns an array that it writes to later, or keeps or changes the caller's action.",
+            "The code returns what it changes later, or keeps or changes the caller's action.",
             "Return a copy, and copy the action.",
             confirmed_by=("EC110", "EC111", "EC215"),
         ),
@@ -275,6 +284,18 @@ class Lint(Check):
             "Use min(self.counter, len(items) - 1), or end the episode before the last item.",
             Severity.WARNING,
             confirmed_by=("EC107",),
+        ),
+        Rule(
+            "EC068",
+            "cost-pays",
+            "The reward gains by a cost, because its sign is wrong.",
+            "Subtract a positive cost, or add a negative one.",
+        ),
+        Rule(
+            "EC069",
+            "bytes-wrap",
+            "Arithmetic of unsigned integers of NumPy wraps around.",
+            "Convert first: `array.astype(int)`.",
         ),
     )
 

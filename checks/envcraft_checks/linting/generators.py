@@ -28,7 +28,7 @@ _TORCH = frozenset({
     "randn_like", "randperm",
 })  # fmt: skip
 _ENTROPY = frozenset({"os.getpid", "os.urandom", "random.SystemRandom", "uuid.uuid1", "uuid.uuid4"})
-_MAKERS = frozenset({
+MAKERS = frozenset({
     "gymnasium.utils.seeding.np_random", "numpy.random.RandomState", "numpy.random.default_rng", "random.Random",
 })  # fmt: skip
 
@@ -53,7 +53,7 @@ def generators(program: Program) -> Iterator[Suspect]:
                 words = f"takes a number that no seed of reset() controls: {path}()"
             elif function in play and _draws_from_space(program, node, function) and not _seeds_space(every):
                 words = "samples a space, whose generator reset() does not seed"
-            elif path in _MAKERS and _unseeded(node) and _is_drawn_from(program, function, node):
+            elif path in MAKERS and _unseeded(node) and _is_drawn_from(program, function, node):
                 words = f"creates a generator without a seed: {path}()"
             else:
                 continue
@@ -110,7 +110,7 @@ def _seeded_once(program: Program) -> Iterator[Suspect]:
         if isinstance(node, ast.Attribute) and node.attr == "seed"
     }
     for target, value, node in bindings([*program.module_nodes, *bodies]):
-        made = isinstance(value, ast.Call) and program.path(value.func) in _MAKERS and not _unseeded(value)
+        made = isinstance(value, ast.Call) and program.path(value.func) in MAKERS and not _unseeded(value)
         if made and name_of(target) in read - renewed:
             yield Suspect(line(node), f"creates {name_of(target)} with a fixed seed once for all instances")
 
@@ -124,7 +124,7 @@ def constant_seed(program: Program) -> Suspect | None:
         for node in function.nodes:
             match node:
                 case ast.Call(func=func, args=args, keywords=keywords):
-                    seeding = name_of(func) == "seed" or program.path(func, function) in _MAKERS
+                    seeding = name_of(func) == "seed" or program.path(func, function) in MAKERS
                     seeds = [*(args[:1] if seeding else []), *(each.value for each in keywords if each.arg == "seed")]
                     fixed = any(map(_is_number, seeds))
                 case ast.Assign(targets=[ast.Name(id="seed")], value=value):
@@ -150,7 +150,7 @@ def anew(program: Program) -> Suspect | None:
         for node in function.nodes:
             if not isinstance(node, ast.Call):
                 continue
-            makes = program.path(node.func, function) in _MAKERS
+            makes = program.path(node.func, function) in MAKERS
             given = [*node.args, *(keyword.value for keyword in node.keywords)]
             if makes and _unseeded(node):
                 unseeded[line(node)] = node
@@ -243,7 +243,7 @@ def _is_drawn_from(program: Program, function: Function, node: ast.Call) -> bool
         return False
     if field := function.field(targets[0]):
         values = [value for one in program.methods(program.bound_to(function)) for value in _values(one, field)]
-        return len(values) == 1 and not _seeded_by_gymnasium(program, field) and _drawn(program, field)
+        return len(values) == 1 and not seeded_by_gymnasium(program, field) and _drawn(program, field)
     name = name_of(targets[0])
     others = [target for target, _, _ in function.bindings if isinstance(target, ast.Name) and target.id == name]
     return function in program.play and len(others) == 1
@@ -254,7 +254,7 @@ def _values(function: Function, field: str) -> list[ast.expr | None]:
     return [value for value in values if not (isinstance(value, ast.Constant) and value.value is None)]
 
 
-def _seeded_by_gymnasium(program: Program, field: str) -> bool:
+def seeded_by_gymnasium(program: Program, field: str) -> bool:
     """Whether ``super().reset(seed=seed)`` seeds the attribute."""
     return field in ("np_random", "_np_random") and any(
         isinstance(node, ast.Call)
@@ -288,13 +288,13 @@ def _own(program: Program, usage: Usage) -> Iterator[Suspect]:
             if (
                 field
                 and isinstance(value, ast.Call)
-                and program.path(value.func, function) in _MAKERS
+                and program.path(value.func, function) in MAKERS
                 and value.args
                 and isinstance(value.args[0], ast.Constant)
                 and value.args[0].value is not None
                 and sum(len(_values(one, field)) for one in program.methods(program.env)) == 1
                 and _drawn(program, field)
-                and not _seeded_by_gymnasium(program, field)
+                and not seeded_by_gymnasium(program, field)
                 and usage.is_used(value, function)
             ):
                 yield Suspect(line(node), f"creates self.{field} with a fixed seed, and reset() does not seed it again")
@@ -311,7 +311,7 @@ def _of_module(program: Program, usage: Usage) -> Iterator[Suspect]:
     for target, value, node in bindings(program.module_nodes):
         if not isinstance(target, ast.Name) or target.id not in loaded:
             continue
-        if isinstance(value, ast.Call) and program.path(value.func) in _MAKERS:
+        if isinstance(value, ast.Call) and program.path(value.func) in MAKERS:
             if usage.is_used(value, None):
                 words = f"creates the generator {target.id} of the module, which reset() does not create again"
                 yield Suspect(line(node), words)
@@ -319,7 +319,7 @@ def _of_module(program: Program, usage: Usage) -> Iterator[Suspect]:
         for call in ast.walk(node):
             if not isinstance(call, ast.Call):
                 continue
-            drawn = draws(path := program.path(call.func)) or (path in _MAKERS and _unseeded(call))
+            drawn = draws(path := program.path(call.func)) or (path in MAKERS and _unseeded(call))
             if drawn and usage.is_used(call, None):
                 yield Suspect(
                     line(call), f"takes {target.id} from a generator without a seed when the file is imported: {path}()"

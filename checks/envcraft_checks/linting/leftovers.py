@@ -23,12 +23,13 @@ def leftovers(program: Program) -> Iterator[Suspect]:
         # The base may call what only this class defines.
         stepping = program.reached("step", "__init__")
         resetting += [one for one in program.methods(program.env) if one not in resetting and one not in stepping]
-    if any(_by_name(node) for one in own for node in one.nodes) or any(map(_reads_by_name, resetting)):
+    if any(by_name(node) for one in own for node in one.nodes) or any(map(_reads_by_name, resetting)):
         return
     changed = renewed(program, resetting)
-    used = used_fields(program, own)
+    used = used_fields(program, own) | _successes(own)
     yield from _growing(program, own, resetting, changed, used)
     yield from _latches(program, own, resetting, changed, used)
+    yield from _timers(program, own, resetting, changed, used)
 
 
 def kept(program: Program) -> Iterator[Suspect]:
@@ -57,7 +58,7 @@ def _kept(program: Program, resetting: list[Function]) -> dict[str, list[Suspect
     return found
 
 
-def _by_name(node: ast.AST) -> bool:
+def by_name(node: ast.AST) -> bool:
     """Whether a node may set attributes whose names the code does not show."""
     return name_of(node) in ("__dict__", "setattr", "vars")
 
@@ -134,6 +135,59 @@ def _latches(
                     yield Suspect(line(node), words)
 
 
+def _timers(
+    program: Program, own: list[Function], resetting: list[Function], changed: set[str], used: set[str]
+) -> Iterator[Suspect]:
+    """Find numbers that an event sets, that each step counts down, and that the next episode finds where they are."""
+    for field, values in program.field_values(program.env).items():
+        if field not in used or field in changed or is_bookkeeping(field) or any(one in resetting for _, one in values):
+            continue
+        before = [value for value, one in values if one not in own]
+        if len(before) != 1 or not _is_number(before[0], 0):
+            continue
+        events = [
+            (function, node)
+            for function in own
+            for target, value, node in function.bindings
+            if function.field(target) == field and not _of_itself(function, field, value)
+        ]
+        # What a method always sets may be set before it is read.
+        sometimes = all(isinstance(program.parents[node], ast.If) for _, node in events)
+        if sometimes and any(
+            _counts_down(program, function, node, field) for function in own for node in function.nodes
+        ):
+            for function, node in events:
+                zero = isinstance(node, ast.Assign) and _is_number(node.value, 0)
+                if not zero and not only_remembers(program, function, field, node):
+                    words = f"starts self.{field}, which reset() never resets, so that it outlives the episode"
+                    yield Suspect(line(node), words)
+
+
+def _is_number(node: ast.AST | None, number: int) -> bool:
+    return isinstance(node, ast.Constant) and type(node.value) in (int, float) and node.value == number
+
+
+def _counts_down(program: Program, function: Function, node: ast.AST, field: str) -> bool:
+    """Whether a statement is ``self.timer -= 1`` or ``self.timer = max(0, self.timer - 1)``, and no other attribute
+    decides whether it runs: a timer of one state is set before that state reads it.
+    """
+    match node:
+        case ast.AugAssign(target=target, op=ast.Sub(), value=ast.Constant()):
+            counts = function.field(target) == field
+        case ast.Assign(targets=[target], value=value) if function.field(target) == field:
+            parts = value.args if isinstance(value, ast.Call) and name_of(value) == "max" else [value]
+            counts = any(
+                isinstance(one, ast.BinOp) and isinstance(one.op, ast.Sub) and function.field(one.left) == field
+                for one in parts
+            )
+        case _:
+            return False
+    while counts and (node := program.parents[node]) is not function.node:
+        tests = [*ast.walk(node.test)] if isinstance(node, ast.If) else []
+        counts = bool(tests) and {function.field(one) or name_of(one) for one in tests} <= {field, function.me, ""}
+    return counts
+
+
 def used_fields(program: Program, own: list[Function]) -> set[str]:
     """The attributes that these functions read for more than changing them, logging them, or telling them in info."""
     found = set()
@@ -152,6 +206,24 @@ def used_fields(program: Program, own: list[Function]) -> set[str]:
             if not told and not _only_updates(program, function, node) and usage.is_used(node, function):
                 found.add(field)
     return found
+
+
+def _successes(own: list[Function]) -> set[str]:
+    """The attributes that ``info["is_success"]`` tells as they are."""
+    found = set()
+    for function in own:
+        for node in function.nodes:
+            pairs: list[tuple[ast.expr | None, ast.expr]] = []
+            match node:
+                case ast.Dict(keys=keys, values=values):
+                    pairs = [*zip(keys, values, strict=True)]
+                case ast.Assign(targets=[ast.Subscript(slice=place)], value=told):
+                    pairs = [(place, told)]
+            for key, value in pairs:
+                if isinstance(key, ast.Constant) and key.value == "is_success":
+                    inner = value.args[0] if isinstance(value, ast.Call) and len(value.args) == 1 else value
+                    found.add(function.field(inner))
+    return found - {""}
 
 
 def _selects_buffer(program: Program, function: Function, node: ast.BinOp) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable, Collection, Iterable, Iterator
 
-from .program import Function, Program, Suspect, line, name_of
+from .program import Function, Program, Suspect, arguments, line, name_of
 
 #: A file without these has no set, and no hash that it uses itself.
 _WORDS = frozenset({"frozenset", "hash", "id", "set"})
@@ -168,8 +168,21 @@ class _Sets:
                     if isinstance(loop, ast.For | ast.comprehension) and name_of(loop.target) == node.id
                 ]
                 kinds += [self._once(one, function, self.items) for one in loops]
+                if function is not None and node.id in function.parameters:
+                    kinds += [self._once(one, caller, self.element) for one, caller in self._passed(node.id, function)]
                 return kinds[0] if kinds and all(kinds) else ""
+            case ast.Subscript(value=value, ctx=ast.Load()):
+                values = self.program.values(value, function)
+                lists = bool(values) and all(isinstance(one, ast.List | ast.Tuple) for one, _ in values)
+                return self.items(value, function) if lists else ""
         return ""
+
+    def _passed(self, parameter: str, function: Function) -> Iterator[tuple[ast.expr, Function]]:
+        """What the calls of a function give for one of its parameters, and where."""
+        for caller in self.program.all:
+            for node in caller.nodes:
+                if isinstance(node, ast.Call) and self.program.called(node, caller) is function:
+                    yield from ((value, caller) for name, value in arguments(node, function) if name == parameter)
 
     def items(self, node: ast.AST | None, function: Function | None) -> str:
         """The kind of what an iterable gives."""

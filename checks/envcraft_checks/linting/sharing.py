@@ -283,9 +283,36 @@ def aliases(program: Program) -> Iterator[Suspect]:
                                 line(node),
                                 f"returns self.{field} itself, and line {written[field]} writes to it in later steps",
                             )
+    yield from _live_infos(program, stepping, written, kept)
     step = program.method(program.env, "step")
     if step is not None and len(step.node.args.args) > 1:
         yield from _action(step, step.node.args.args[1].arg)
+
+
+def _live_infos(
+    program: Program, stepping: list[Function], written: dict[str, int], kept: set[str]
+) -> Iterator[Suspect]:
+    """Find lists and the like that info gives as they are, although later steps change them."""
+    for function in stepping:
+        for node in function.nodes if program.bound_to(function) == program.env else ():
+            for value in _infos(function, node):
+                if (field := function.field(value)) in written and field not in kept:
+                    values = program.field_values(program.env).get(field, ())
+                    if values and all(_mutable(one) for one, _ in values):
+                        words = f"gives self.{field} itself in info, and line {written[field]} changes it later"
+                        yield Suspect(line(value), words, certain=False)
+
+
+def _infos(function: Function, node: ast.AST) -> list[ast.expr]:
+    """The values of a dict that is the info of a step, or what a method returns that is named for it."""
+    match node:
+        case ast.Return(value=ast.Tuple(elts=[_, _, _, _, ast.Dict(values=values)])) if function.name == "step":
+            return values
+        case ast.Return(value=ast.Dict(values=values)) if "info" in function.name:
+            return values
+        case ast.Assign(targets=[ast.Name(id="info")], value=ast.Dict(values=values)):
+            return values
+    return []
 
 
 def kept_actions(program: Program) -> Iterator[Suspect]:

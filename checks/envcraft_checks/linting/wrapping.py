@@ -150,7 +150,7 @@ def unsigned(program: Program) -> Iterator[Suspect]:
     fields = {
         field
         for field, values in program.field_values(program.env).items()
-        if values and all(_is_unsigned(program, value, function) for value, function in values)
+        if values and all(is_unsigned(program, value, function) for value, function in values)
     }
     if not fields:
         return
@@ -193,7 +193,12 @@ def _plain(node: ast.expr) -> ast.expr:
     return node.args[0] if isinstance(node, ast.Call) and len(node.args) == 1 else node
 
 
-def _is_unsigned(program: Program, node: ast.expr | None, function: Function) -> bool:
+def is_unsigned(program: Program, node: ast.expr | None, function: Function, depth: int = _DEPTH) -> bool:
+    """Whether an expression is an array of NumPy's unsigned integers, or a function of the file returns only such."""
+    if isinstance(node, ast.Call) and (called := program.called(node, function)) is not None:
+        results = [one.value for one in called.nodes if isinstance(one, ast.Return)]
+        known = bool(results) and depth > 0
+        return known and all(is_unsigned(program, one, called, depth - 1) for one in results)
     if not isinstance(node, ast.Call) or not program.path(node.func, function).startswith("numpy."):
         return False
     kinds = [keyword.value for keyword in node.keywords if keyword.arg == "dtype"]

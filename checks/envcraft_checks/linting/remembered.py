@@ -1,0 +1,149 @@
+"""What the constructor makes and later episodes find changed: tables of what was drawn, and painted surfaces."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+
+from .leftovers import by_name
+from .outdated import only_if_seeded
+from .program import Function, Program, Suspect, line
+from .repeating import repeats
+
+_DEPTH = 4
+#: Methods by which play may empty a table.
+_EMPTIES = frozenset({"clear", "pop", "popitem", "update"})
+
+
+def remembered(program: Program) -> Iterator[Suspect]:
+    """Find tables that keep what one episode has drawn, and surfaces on which play paints, that reset() leaves."""
+    reset = program.method(program.env, "reset")
+    if reset is None or "seed" not in reset.parameters:
+        return
+    own = [function for function in program.play if program.bound_to(function) == program.env]
+    if any(by_name(node) for one in own for node in one.nodes):
+        return
+    drawn = _drawn_fields(program, own)
+    for field, values in program.field_values(program.env).items():
+        yield from _tables(program, own, field, drawn)
+        if all(one not in program.play and _is_surface(program, value, one) for value, one in values):
+            yield from _painted(program, own, field)
+
+
+def _drawn_fields(program: Program, own: list[Function]) -> set[str]:
+    """The attributes that reset() makes of what it draws."""
+    resetting = program.reached("reset")
+    return {
+        field
+        for function in own
+        if function in resetting
+        for target, value, _ in function.bindings
+        if (field := function.field(target)) and value is not None and _draws(program, function, value, set(), _DEPTH)
+    }
+
+
+def _tables(program: Program, own: list[Function], field: str, drawn: set[str]) -> Iterator[Suspect]:
+    """Find ``if key not in self.table: self.table[key] = <what is drawn>`` for keys that come again."""
+    found, seeded = [], False
+    for function in own:
+        for node in function.nodes:
+            match node:
+                case ast.Call(func=ast.Attribute(value=owner, attr=attr)) if function.field(owner) == field:
+                    empties = attr in _EMPTIES
+                case ast.Subscript(ctx=ast.Del(), value=owner):
+                    empties = function.field(owner) == field
+                case ast.Attribute(ctx=ast.Store()):
+                    empties = function.field(node) == field
+                case ast.If(test=ast.Compare(left=key, ops=[ast.NotIn()], comparators=[table])) if (
+                    function.field(table) == field
+                ):
+                    if any(_fills(function, one, field, key) for one in node.body):
+                        found.append((function, node, key))
+                    continue
+                case _:
+                    continue
+            if empties and not only_if_seeded(program, node):
+                return
+            seeded |= empties
+    how = "empties only if it has a seed" if seeded else "never empties"
+    for function, node, key in found:
+        # A table that is emptied for a new seed has keys that come again.
+        if not seeded and not repeats(program, key, function):
+            continue
+        # What belongs to a level that the key names is the same each time.
+        others = drawn - {function.field(one) for one in ast.walk(key)}
+        if any(_draws(program, function, statement, others, _DEPTH) for statement in node.body):
+            yield Suspect(line(node), f"keeps what one episode drew in self.{field}, which reset() {how}")
+
+
+def _fills(function: Function, statement: ast.stmt, field: str, key: ast.expr) -> bool:
+    match statement:
+        case ast.Assign(targets=[ast.Subscript(value=table, slice=place)]):
+            return function.field(table) == field and ast.dump(place) == ast.dump(key)
+    return False
+
+
+def _draws(program: Program, function: Function, node: ast.AST, drawn: set[str], depth: int) -> bool:
+    """Whether code uses ``self.np_random`` or one of some attributes, here or in the functions that it calls."""
+    for one in ast.walk(node):
+        if function.field(one) in {"np_random", *drawn} and isinstance(getattr(one, "ctx", None), ast.Load):
+            return True
+        called = program.called(one, function) if depth and isinstance(one, ast.Call) else None
+        if called is not None and any(_draws(program, called, part, drawn, depth - 1) for part in called.node.body):
+            return True
+    return False
+
+
+def _is_surface(program: Program, node: ast.expr | None, function: Function) -> bool:
+    """Whether an expression is ``pygame.Surface(...)``, or that with a call such as ``convert()``."""
+    while isinstance(node, ast.Call):
+        if program.path(node.func, function) == "pygame.Surface":
+            return True
+        node = node.func.value if isinstance(node.func, ast.Attribute) else None
+    return False
+
+
+def _painted(program: Program, own: list[Function], field: str) -> Iterator[Suspect]:
+    """Find where step() draws shapes on a surface that no method of play covers again."""
+    stepping, found = set(program.reached("step")), []
+    for function in own:
+        for node in function.nodes:
+            if function.field(node) != field:
+                continue
+            parent = program.parents[node]
+            match parent:
+                case ast.Call(args=[surface, *_]) if surface is node and _blits(parent):
+                    continue
+                case ast.Call(func=ast.Attribute() as painter, args=[surface, _, *shape]) if surface is node:
+                    path = program.path(painter, function)
+                    if not path.startswith("pygame.draw.") or _may_cover(path, shape):
+                        return
+                    if function in stepping and not all(isinstance(one, ast.Constant) for one in _leaves(shape)):
+                        words = f"draws on self.{field}, which reset() never repaints: {ast.unparse(parent)[:60]}"
+                        found.append(Suspect(line(parent), words))
+                case ast.Attribute(attr="get_width" | "get_height" | "get_size" | "get_rect" | "copy"):
+                    continue
+                case _:
+                    return
+    yield from found
+
+
+def _blits(call: ast.Call) -> bool:
+    return isinstance(call.func, ast.Attribute) and call.func.attr == "blit"
+
+
+def _may_cover(path: str, shape: list[ast.expr]) -> bool:
+    """Whether a shape may be as large as the surface."""
+    if path != "pygame.draw.rect":
+        return path == "pygame.draw.polygon"
+    match shape:
+        case [ast.Tuple(elts=[left, top, *_]), *_]:
+            return not any(isinstance(one, ast.Constant) and one.value for one in (left, top))
+    return True
+
+
+def _leaves(parts: list[ast.expr]) -> Iterator[ast.expr]:
+    for part in parts:
+        for one in ast.walk(part):
+            if isinstance(one, ast.Constant | ast.Name | ast.Attribute):
+                yield one
