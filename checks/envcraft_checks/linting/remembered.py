@@ -11,6 +11,8 @@ from .program import Function, Program, Suspect, line
 from .repeating import repeats
 
 _DEPTH = 4
+#: A test for a key that fills a table: the function, the test, and the key.
+_Filled = tuple[Function, ast.If, ast.expr]
 #: Methods by which play may empty a table.
 _EMPTIES = frozenset({"clear", "pop", "popitem", "update"})
 
@@ -23,9 +25,18 @@ def remembered(program: Program) -> Iterator[Suspect]:
     own = [function for function in program.play if program.bound_to(function) == program.env]
     if any(by_name(node) for one in own for node in one.nodes):
         return
-    drawn = _drawn_fields(program, own)
+    filled: dict[str, list[_Filled]] = {}
+    for function in own:
+        for node in function.nodes:
+            match node:
+                case ast.If(test=ast.Compare(left=key, ops=[ast.NotIn()], comparators=[table])) if (
+                    field := function.field(table)
+                ):
+                    if any(_fills(function, one, field, key) for one in node.body):
+                        filled.setdefault(field, []).append((function, node, key))
+    for field, found in filled.items():
+        yield from _tables(program, own, field, found)
     for field, values in program.field_values(program.env).items():
-        yield from _tables(program, own, field, drawn)
         if all(one not in program.play and _is_surface(program, value, one) for value, one in values):
             yield from _painted(program, own, field)
 
@@ -42,9 +53,9 @@ def _drawn_fields(program: Program, own: list[Function]) -> set[str]:
     }
 
 
-def _tables(program: Program, own: list[Function], field: str, drawn: set[str]) -> Iterator[Suspect]:
-    """Find ``if key not in self.table: self.table[key] = <what is drawn>`` for keys that come again."""
-    found, seeded = [], False
+def _tables(program: Program, own: list[Function], field: str, found: list[_Filled]) -> Iterator[Suspect]:
+    """Report ``if key not in self.table: self.table[key] = <what is drawn>`` for keys that come again."""
+    seeded = False
     for function in own:
         for node in function.nodes:
             match node:
@@ -54,18 +65,13 @@ def _tables(program: Program, own: list[Function], field: str, drawn: set[str]) 
                     empties = function.field(owner) == field
                 case ast.Attribute(ctx=ast.Store()):
                     empties = function.field(node) == field
-                case ast.If(test=ast.Compare(left=key, ops=[ast.NotIn()], comparators=[table])) if (
-                    function.field(table) == field
-                ):
-                    if any(_fills(function, one, field, key) for one in node.body):
-                        found.append((function, node, key))
-                    continue
                 case _:
                     continue
             if empties and not only_if_seeded(program, node):
                 return
             seeded |= empties
     how = "empties only if it has a seed" if seeded else "never empties"
+    drawn = _drawn_fields(program, own)
     for function, node, key in found:
         # A table that is emptied for a new seed has keys that come again.
         if not seeded and not repeats(program, key, function):
