@@ -84,6 +84,8 @@ _GREEDY_MOVES = 5
 _FEW = 4
 #: The most held actions that are judged: more would err more often in all than one test may.
 HELD = 5
+#: The share of the episodes of a test that are won before the last ones may exceed the budget.
+_NEARLY = 0.75
 #: The most ranges of lines that a message names.
 _RANGES = 4
 #: Episodes without a win after which a policy is compared with random play.
@@ -367,15 +369,19 @@ class Difficulty(Check):
         unsettled = ""
         for trace in _winning(subject.held())[:HELD]:
             action = trace.rollout.actions[0]
+            wins: list[int] = []
 
-            def won(number: int, action: Any = action) -> bool:
-                return bool(subject.rollout(subject.probes.hold(action, number)).success)
+            def won(number: int, action: Any = action, wins: list[int] = wins) -> bool:
+                success = bool(subject.rollout(subject.probes.hold(action, number)).success)
+                wins.extend([number] * success)
+                return success
 
             def prefetch(numbers: range, action: Any = action) -> None:
                 subject.prefetch(subject.probes.hold(action, number) for number in numbers)
 
-            def affords(steps: int = trace.steps) -> bool:
-                return subject.affords(steps)
+            def affords(steps: int = trace.steps, wins: list[int] = wins) -> bool:
+                # A few more episodes than the budget has settle what has won each time: a single loss ends this.
+                return subject.affords(steps) or len(wins) >= _NEARLY * subject.episodes.looks[-1]
 
             verdict, rate = settle(won, subject.contract.consistently, subject.episodes.looks, prefetch, affords)
             if verdict is True and not self._beaten(subject, trace):

@@ -334,20 +334,28 @@ def _paused(program: Program, step: Function, play: list[Function], name: str) -
 def _decided(program: Program, step: Function, play: list[Function]) -> set[str]:
     """The names and attributes that the action alone decides in every step."""
     found = {step.parameters[1]}
-    for target, value, statement in step.bindings:
-        first = program.parents[statement] is step.node and value is not None and bool(_names(value))
-        if first and value is not None and _names(value) <= found:
+    for target, part, statement in step.bindings:
+        # `move, fire = (int(one) for one in action)` gives no name a value of its own.
+        value = statement.value if part is None and isinstance(statement, ast.Assign) else part
+        names = _names(value) if value is not None and program.parents[statement] is step.node else set()
+        if names and value is not None and names - _running(value) <= found:
             found.add(name_of(target))
     kept = {target.attr for one in play for target, _, _ in one.bindings if isinstance(target, ast.Attribute)}
     changed = [target.attr for one in play for target, _, _ in one.bindings if isinstance(target, ast.Attribute)]
     return {one for one in found if one not in kept or changed.count(one) == 1}
 
 
+def _running(value: ast.AST) -> set[str]:
+    """The names that run through what a comprehension goes through."""
+    loops = (node for node in ast.walk(value) if isinstance(node, ast.comprehension))
+    return {name_of(node) for loop in loops for node in ast.walk(loop.target)}
+
+
 def _names(test: ast.AST) -> set[str]:
     """The names and attributes of an expression, without ``self`` and what only converts a value."""
     attributes = {node.attr for node in ast.walk(test) if isinstance(node, ast.Attribute)}
     names = {node.id for node in ast.walk(test) if isinstance(node, ast.Name)}
-    return attributes | (names - {"self", "int", "bool", "any", "np", "len", "float"})
+    return attributes | (names - {"self", "int", "bool", "any", "np", "len", "float", "list", "map", "tuple"})
 
 
 def _jumps(play: list[Function], name: str) -> Iterator[Suspect]:
