@@ -14,7 +14,8 @@ that a count may skip, such as hearts that an enemy takes in twos.
 EC059 also reports a step limit in digits that is not the one which the code declares and uses elsewhere, a reward that
 step() decides after it has paid the reward of its last step, `all(a == b for a, b in zip(...))` of a list that may
 be empty, a use of an action under a test that is never true, a test of an area that starts at -1, where a slice has
-no cells, and a reason for the end that never makes terminated true.
+no cells, a reason for the end that never makes terminated true, and a set of drawn places, of which two may be the
+same, where success needs them all.
 
 EC061 is about what step() returns: flags in each other's place, an info that is no dict, and one without the key for
 success that the info of another end has. EC062 is about each branch that brings success nearer: its rewards are
@@ -65,6 +66,7 @@ from envcraft.plugins import hookimpl
 from .linting.absorbed import absorbed_ends
 from .linting.actions import impossible_actions
 from .linting.clock import clocks
+from .linting.collisions import colliding_places
 from .linting.costs import paying_costs
 from .linting.dead import late_results, repeated_tests
 from .linting.dtypes import float_pictures
@@ -141,6 +143,7 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC059", parts_read_twice),
     ("EC059", empty_slices),
     ("EC059", absorbed_ends),
+    ("EC059", colliding_places),
     ("EC061", wrong_results),
     ("EC062", punished_successes),
     ("EC062", unpaid_successes),

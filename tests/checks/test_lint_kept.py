@@ -9,11 +9,31 @@ import pytest
 from tests.checks.lint_games import found
 
 GAME = """
+import itertools
+from enum import Enum
 import numpy as np
 import pygame
 import gymnasium as gym
 from gymnasium.utils import seeding
-FINE, FARE_COST, MELT, NAMES = 2.0, -0.5, 10, ("barn", "mill")
+COUNT = itertools.count()
+def ring(n, memo={{}}):
+    if n not in memo:
+        memo[n] = n * n
+    return memo[n]
+def dice(n, rng, memo={{}}):
+    if n not in memo:
+        memo[n] = rng.random()
+    return memo[n]
+class Herb(Enum):
+    SAGE = 1
+    THYME = 2
+class Bug:
+    serial = itertools.count()
+    def __init__(self):
+        self.number = next(Bug.serial)
+    def swing(self):
+        return self.number % 2
+FINE, FARE_COST, MELT, NAMES = 2, -0.5, 10, ("barn", "mill")
 class Wind:
     def __init__(self, rng):
         self.rng = rng
@@ -59,6 +79,7 @@ DRAWN = """def tables(self, n):
         if n not in self.seen:
             self.seen[n] = self.np_random.integers(9)
         return self.seen[n]"""
+GEMS = "self.gems = {{self.np_random.{} for _ in range(FINE)}}"
 HOT = "self.x += int((self.heat >= MELT).any())\nself.x += (self.heat.astype(np.uint8) * {} + 16)[0, 0]"
 TIMER = "if self.x == 5:\n    self.frozen = 40\nif self.frozen > 0:\n    self.frozen -= 1\nelse:\n    self.x += 1"
 
@@ -90,7 +111,19 @@ TIMER = "if self.x == 5:\n    self.frozen = 40\nif self.frozen > 0:\n    self.fr
                 "step": "pygame.draw.line(self.page, 9, (self.x, 0), (1, 1))",
             },
         ),
+        ("EC052", {"step": "self.x = list(set(Herb))[0].value"}),
         ("EC053", {"init": "self.frozen = 0", "step": TIMER}),
+        ("EC053", {"step": "self.x += dice(self.level, self.np_random) > 0.5"}),
+        ("EC053", {"reset": "self.bug = Bug()", "step": "self.x += self.bug.swing()"}),
+        ("EC053", {"reset": "self.turn = next(COUNT)", "step": "self.x += self.turn % 3"}),
+        ("EC059", {"reset": GEMS.format("integers(9)"), "step": "self.x += self.level >= FINE"}),
+        (
+            "EC059",
+            {
+                "reset": "self.gems = set()\nfor _ in range(FINE):\n    self.gems.add(self.np_random.integers(9))",
+                "step": "self.x += self.level == FINE",
+            },
+        ),
         (
             "EC053",
             {
@@ -198,6 +231,16 @@ def test_what_an_episode_leaves_to_the_next(code: str, parts: dict[str, str]) ->
         {"init": "self.won = False", "step": "if self.x == 8:\n    self.won = True", "info": "{'visited': self.won}"},
         {"reset": "self.seen = []", "step": "self.seen.append(1)", "info": "{'seen': list(self.seen)}"},
         {"reset": "self.seen = []", "step": "self.seen = [*self.seen, 1]", "info": "{'seen': self.seen}"},
+        {"step": "self.x = sorted(set(Herb), key=lambda one: one.value)[0].value"},
+        {"step": "self.x += ring(self.level)"},
+        {"reset": "self.turn = next(COUNT)", "step": "self.turns = {self.turn: 1}"},
+        # Each place has a number of its own, is put there again, or is not needed.
+        {
+            "reset": "self.gems = {(n, self.np_random.integers(9)) for n in range(FINE)}",
+            "step": "self.x += self.level >= FINE",
+        },
+        {"reset": GEMS.format("integers(9)"), "step": "self.x += self.level >= FINE\nself.gems.add(3)"},
+        {"reset": GEMS.format("integers(9)"), "step": "self.x += not self.gems"},
         {"step": "reward -= FINE"},
         {"step": "reward += FARE_COST"},
         # A deposit that is paid back.

@@ -152,10 +152,7 @@ class _Sets:
             case ast.Call() if name_of(node) in _TEXT:
                 return "strings"
             case ast.Attribute(value=ast.Name(id=name)) if name in self.program.classes and node.attr.isupper():
-                bases = {
-                    name_of(base) for one in self.program.lineage(name) for base in self.program.classes[one].bases
-                }
-                return "members of an enumeration" if bases & _ENUMS and "int" not in bases else ""
+                return self._members(name)
             case ast.Name(ctx=ast.Load()):
                 kinds = [
                     self._once(value, one, self.element)
@@ -197,11 +194,18 @@ class _Sets:
                 return self.element(elt, function)
             case ast.Call(func=ast.Attribute(attr="keys", value=value)):
                 return self.items(value, function)
+            case ast.Name(id=name) if name in self.program.classes:
+                return self._members(name)
             case ast.Name() | ast.Attribute():
                 kinds = [self._once(value, one, self.items) for value, one in self.program.values(node, function)]
                 if kinds and all(kinds):
                     return kinds[0]
         return self.holds(node, function)
+
+    def _members(self, name: str) -> str:
+        """The kind of the members of a class, if that is an enumeration whose members are hashed by their names."""
+        bases = {name_of(base) for one in self.program.lineage(name) for base in self.program.classes[one].bases}
+        return "members of an enumeration" if bases & _ENUMS and "int" not in bases else ""
 
     def _first(self, nodes: Iterable[ast.AST], function: Function | None) -> str:
         """One value whose hash varies is enough to vary the order of all."""

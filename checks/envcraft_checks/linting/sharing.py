@@ -26,6 +26,7 @@ def shared(program: Program) -> Iterator[Suspect]:
         yield from _class_level(program, function, usage)
         yield from _module_level(program, function, usage)
     yield from _caches(program)
+    yield from _serial_numbers(program)
 
 
 def _mutable(node: ast.AST | None) -> bool:
@@ -47,7 +48,11 @@ def _defaults(program: Program, function: Function) -> Iterator[Suspect]:
             name_of(target) == name and isinstance(target, ast.Name) for target, _, _ in function.bindings
         ):
             continue
-        written = [node for target, node in function.writes if isinstance(target, ast.Name) and target.id == name]
+        written = [
+            node
+            for target, node in function.writes
+            if isinstance(target, ast.Name) and target.id == name and not _caches_alone(program, function, name, node)
+        ]
         for target, value, _ in function.bindings:
             field = function.field(target)
             if (
@@ -57,12 +62,18 @@ def _defaults(program: Program, function: Function) -> Iterator[Suspect]:
                 and len(program.values(target, function)) == 1
             ):
                 written += [node for one in program.all for place, node in one.writes if one.field(place) == field]
-        if any(isinstance(node, ast.Return) and name_of(node.value or node) == name for node in function.nodes):
+        if any(isinstance(node, ast.Return) and _is_same(node.value, name) for node in function.nodes):
             written += _writes_to_result(program, function)
         if written:
             yield Suspect(
                 line(parameter), f"creates the default of {name} once, and line {line(written[0])} writes to it"
             )
+
+
+def _caches_alone(program: Program, function: Function, name: str, node: ast.AST) -> bool:
+    """Whether a write only fills a table, with what is calculated and not drawn."""
+    drawn = (name_of(one).lower() for one in ast.walk(function.node) if isinstance(one, ast.Name | ast.Attribute))
+    return only_remembers(program, function, name, node) and not any("random" in one or "rng" in one for one in drawn)
 
 
 def _writes_to_result(program: Program, function: Function) -> list[ast.AST]:
@@ -74,6 +85,34 @@ def _writes_to_result(program: Program, function: Function) -> list[ast.AST]:
         if isinstance(value, ast.Call) and name_of(value) == function.name and (field := one.field(target))
     }
     return [node for one in program.all for target, node in one.writes if one.field(target) in fields]
+
+
+def _serial_numbers(program: Program) -> Iterator[Suspect]:
+    """Find ``next()`` of a count of a class or of the module by whose remainders play decides something."""
+    counts = {name for name, value in program.module_values.items() if _is_count(program, value)}
+    for owner in program.classes:
+        counts |= {
+            f"{owner}.{name}" for name, (_, value) in program.class_values(owner).items() if _is_count(program, value)
+        }
+    divided = {
+        name_of(node.left)
+        for node in program.nodes
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mod | ast.BitAnd)
+    } - {""}
+    for function in program.all:
+        for target, value, node in function.bindings:
+            match value:
+                case ast.Call(func=ast.Name(id="next"), args=[count]) if name_of(target) in divided:
+                    text = ast.unparse(count).replace("self.", f"{program.bound_to(function)}.")
+                    text = text.replace("cls.", f"{program.bound_to(function)}.")
+                    if text in counts:
+                        yield Suspect(
+                            line(node), f"takes numbers of {text}, which goes on in later episodes and instances"
+                        )
+
+
+def _is_count(program: Program, value: ast.expr | None) -> bool:
+    return isinstance(value, ast.Call) and program.path(value.func) == "itertools.count"
 
 
 def _class_level(program: Program, function: Function, usage: Usage) -> Iterator[Suspect]:
