@@ -80,6 +80,7 @@ DRAWN = """def tables(self, n):
             self.seen[n] = self.np_random.integers(9)
         return self.seen[n]"""
 GEMS = "self.gems = {{self.np_random.{} for _ in range(FINE)}}"
+TAKEN = "self.gems.discard(self.x)"
 HOT = "self.x += int((self.heat >= MELT).any())\nself.x += (self.heat.astype(np.uint8) * {} + 16)[0, 0]"
 TIMER = "if self.x == 5:\n    self.frozen = 40\nif self.frozen > 0:\n    self.frozen -= 1\nelse:\n    self.x += 1"
 
@@ -116,12 +117,12 @@ TIMER = "if self.x == 5:\n    self.frozen = 40\nif self.frozen > 0:\n    self.fr
         ("EC053", {"step": "self.x += dice(self.level, self.np_random) > 0.5"}),
         ("EC053", {"reset": "self.bug = Bug()", "step": "self.x += self.bug.swing()"}),
         ("EC053", {"reset": "self.turn = next(COUNT)", "step": "self.x += self.turn % 3"}),
-        ("EC059", {"reset": GEMS.format("integers(9)"), "step": "self.x += self.level >= FINE"}),
+        ("EC059", {"reset": GEMS.format("integers(9)"), "step": f"{TAKEN}\nself.x += self.level >= FINE"}),
         (
             "EC059",
             {
                 "reset": "self.gems = set()\nfor _ in range(FINE):\n    self.gems.add(self.np_random.integers(9))",
-                "step": "self.x += self.level == FINE",
+                "step": f"{TAKEN}\nself.x += self.level == FINE",
             },
         ),
         (
@@ -237,10 +238,16 @@ def test_what_an_episode_leaves_to_the_next(code: str, parts: dict[str, str]) ->
         # Each place has a number of its own, is put there again, or is not needed.
         {
             "reset": "self.gems = {(n, self.np_random.integers(9)) for n in range(FINE)}",
-            "step": "self.x += self.level >= FINE",
+            "step": f"{TAKEN}\nself.x += self.level >= FINE",
         },
-        {"reset": GEMS.format("integers(9)"), "step": "self.x += self.level >= FINE\nself.gems.add(3)"},
-        {"reset": GEMS.format("integers(9)"), "step": "self.x += not self.gems"},
+        {"reset": GEMS.format("integers(9)"), "step": f"{TAKEN}\nself.x += self.level >= FINE\nself.gems.add(3)"},
+        {"reset": GEMS.format("integers(9)"), "step": f"{TAKEN}\nself.x += not self.gems"},
+        {"reset": GEMS.format("integers(9)"), "step": "self.x += self.level >= FINE"},
+        {
+            "reset": GEMS.format("integers(9)")
+            + "\nwhile len(self.gems) < FINE: self.gems.add(self.np_random.integers(9))",
+            "step": f"{TAKEN}\nself.x += self.level >= FINE",
+        },
         {"step": "reward -= FINE"},
         {"step": "reward += FARE_COST"},
         # A deposit that is paid back.

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from .program import Function, Program, Suspect, line, name_of
 
-_DRAWS = frozenset({"choice", "integers", "randint", "random", "randrange", "uniform"})
+_DRAWS = frozenset({"choice", "integers", "randint", "randrange"})
 
 
 def colliding_places(program: Program) -> Iterator[Suspect]:
@@ -19,7 +19,7 @@ def colliding_places(program: Program) -> Iterator[Suspect]:
             continue
         for field, number, node in _drawn(function):
             needs = next((test for test in tests if _needs(test, number)), None)
-            if needs is not None and not _refilled(stepping, field):
+            if needs is not None and _consumed(stepping, field) and not _refilled(program, stepping, field):
                 words = f"draws {number} places into the set self.{field}, where two may be the same, and line"
                 yield Suspect(line(node), f"{words} {line(needs)} needs {ast.unparse(needs)[:40]}")
 
@@ -55,13 +55,27 @@ def _number(loop: ast.expr, turn: ast.expr, drawn: ast.expr) -> str:
         case ast.Call(func=ast.Name(id="range"), args=[ast.Name() | ast.Attribute() as number]):
             turns = {one.id for one in ast.walk(turn) if isinstance(one, ast.Name)}
             names = {one.id for one in ast.walk(drawn) if isinstance(one, ast.Name)}
-            draws = any(isinstance(one, ast.Call) and name_of(one) in _DRAWS for one in ast.walk(drawn))
-            return ast.unparse(number) if draws and not turns & names else ""
+            calls = {name_of(one) for one in ast.walk(drawn) if isinstance(one, ast.Call)}
+            return ast.unparse(number) if calls & _DRAWS and "pop" not in calls and not turns & names else ""
     return ""
 
 
-def _refilled(stepping: list[Function], field: str) -> bool:
-    """Whether a step may put more places into a set."""
+def _consumed(stepping: list[Function], field: str) -> bool:
+    """Whether a step takes places out of a set."""
+    return any(
+        one.field(target) == field and isinstance(node, ast.Call) and name_of(node) in ("discard", "pop", "remove")
+        for one in stepping
+        for target, node in one.writes
+    )
+
+
+def _refilled(program: Program, stepping: list[Function], field: str) -> bool:
+    """Whether play may put more places into a set: a step, or a method that looks at its size."""
+    for one in program.play:
+        for node in one.nodes:
+            match node:
+                case ast.Call(func=ast.Name(id="len"), args=[counted]) if one.field(counted) == field:
+                    return True
     return any(
         one.field(target) == field and (not isinstance(node, ast.Call) or name_of(node) in ("add", "update"))
         for one in stepping

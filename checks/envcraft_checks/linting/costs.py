@@ -8,20 +8,26 @@ from collections.abc import Iterator
 from .program import Program, Suspect, line, name_of
 from .ranges import Ranges
 
-#: The words in the name of a number that a reward loses.
-_WORDS = frozenset({"cost", "costs", "fee", "fine", "penalties", "penalty", "toll"})
+#: The last word in the name of a number that a reward loses, and words before it that say something else.
+_WORDS = frozenset({"cost", "costs", "fee", "penalties", "penalty", "toll"})
+_OTHERS = frozenset({"base", "full", "max", "min", "most", "no", "total"})
 
 
 def paying_costs(program: Program) -> Iterator[Suspect]:
     """Find a reward from which a negative cost is subtracted, or to which a positive one is added."""
     ranges = Ranges(program)
+    if any(
+        isinstance(one, ast.UnaryOp) and isinstance(one.op, ast.USub) and _is_reward(one.operand)
+        for one in program.nodes
+    ):
+        return
     lost: set[str] = set()
     found: list[tuple[str, Suspect]] = []
     for function in program.play:
         for node in function.nodes:
-            for name, added in _changes(node):
-                if _WORDS.isdisjoint(name_of(name).lower().strip("_").split("_")):
-                    continue
+            changes = [(name, added) for name, added in _changes(node) if _is_cost(name)]
+            # A difference of two costs is no cost.
+            for name, added in changes if len({added for _, added in changes}) == 1 else ():
                 value = ranges.constant(name, function)
                 if not value or (value > 0) != added:
                     lost.add(ast.unparse(name))
@@ -31,6 +37,11 @@ def paying_costs(program: Program) -> Iterator[Suspect]:
                 found.append((ast.unparse(name), Suspect(line(node), words)))
     # What is lost elsewhere may be paid back here.
     yield from (suspect for name, suspect in found if name not in lost)
+
+
+def _is_cost(node: ast.expr) -> bool:
+    *before, last = name_of(node).lower().strip("_").split("_")
+    return last in _WORDS and _OTHERS.isdisjoint(before)
 
 
 def _changes(node: ast.AST) -> Iterator[tuple[ast.expr, bool]]:

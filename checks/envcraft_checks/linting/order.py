@@ -95,6 +95,7 @@ class _Sets:
     def __init__(self, program: Program) -> None:
         self.program = program
         self._open: set[ast.AST] = set()
+        self._parameters: dict[tuple[str, Function], str] = {}
 
     def holds(self, node: ast.AST | None, function: Function | None) -> str:
         """What a set holds: "strings", "objects" or "members of an enumeration"; "" for another order or no set."""
@@ -166,13 +167,33 @@ class _Sets:
                 ]
                 kinds += [self._once(one, function, self.items) for one in loops]
                 if function is not None and node.id in function.parameters:
-                    kinds += [self._once(one, caller, self.element) for one, caller in self._passed(node.id, function)]
+                    kinds.append(self._given(node.id, function))
                 return kinds[0] if kinds and all(kinds) else ""
             case ast.Subscript(value=value, ctx=ast.Load()):
                 values = self.program.values(value, function)
-                lists = bool(values) and all(isinstance(one, ast.List | ast.Tuple) for one, _ in values)
-                return self.items(value, function) if lists else ""
+                items = [self._item(one, where, node.slice) for one, where in values]
+                return items[0] if items and all(items) else ""
         return ""
+
+    def _item(self, node: ast.AST | None, function: Function | None, index: ast.expr) -> str:
+        """The kind of an item of a list that is written out, by its index or of any."""
+        if not isinstance(node, ast.List | ast.Tuple) or isinstance(index, ast.Slice):
+            return ""
+        items = node.elts
+        if isinstance(index, ast.Constant):
+            known = isinstance(index.value, int) and index.value < len(items)
+            items = [items[index.value]] if known and isinstance(index.value, int) else []
+        kinds = [self._once(one, function, self.element) for one in items]
+        return kinds[0] if kinds and all(kinds) else ""
+
+    def _given(self, parameter: str, function: Function) -> str:
+        """The kind of what the calls of a function give for one of its parameters."""
+        if (parameter, function) not in self._parameters:
+            # A function may call itself.
+            self._parameters[parameter, function] = ""
+            kinds = [self._once(one, caller, self.element) for one, caller in self._passed(parameter, function)]
+            self._parameters[parameter, function] = kinds[0] if kinds and all(kinds) else ""
+        return self._parameters[parameter, function]
 
     def _passed(self, parameter: str, function: Function) -> Iterator[tuple[ast.expr, Function]]:
         """What the calls of a function give for one of its parameters, and where."""

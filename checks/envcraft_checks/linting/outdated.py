@@ -6,6 +6,7 @@ import ast
 from collections.abc import Iterator
 
 from .generators import MAKERS, seeded_by_gymnasium
+from .leftovers import by_name
 from .program import Function, Program, Suspect, arguments, line, name_of
 from .repeating import repeats
 
@@ -18,6 +19,8 @@ def outdated_generators(program: Program) -> Iterator[Suspect]:
     constants by which step() seeds ``self.np_random``.
     """
     if program.method(program.env, "reset") is None or not seeded_by_gymnasium(program, "np_random"):
+        return
+    if any(by_name(node) for one in program.play for node in one.nodes):
         return
     yield from _kept(program)
     yield from _repeated(program)
@@ -93,9 +96,15 @@ def _given_again(program: Program, field: str) -> bool:
 
 
 def _repeated(program: Program) -> Iterator[Suspect]:
-    for function in program.play:
+    resetting = program.reached("reset")
+    for function in program.reached("step"):
+        if program.bound_to(function) != program.env:
+            continue
         for node in function.nodes:
             if not (isinstance(node, ast.Call) and program.path(node.func, function) in MAKERS):
+                continue
+            # One world for each seed, which reset() always makes, may be a design.
+            if function in resetting and not _sometimes(program, node):
                 continue
             parts = [part for one in _given(node) for part in (one.elts if isinstance(one, _DISPLAYS) else [one])]
             seeds = [one for one in parts if function.field(one) in _SEEDS]
@@ -109,7 +118,9 @@ def _replaced(program: Program) -> Iterator[Suspect]:
     """Find where step() replaces ``self.np_random`` by a generator that draws the same under every seed."""
     resetting = program.reached("reset")
     for function in program.reached("step"):
-        for target, _, node in function.bindings if function not in resetting else ():
+        bound = [target for target, _, _ in function.bindings if function.field(target) in ("_np_random", "np_random")]
+        # A generator that is put back is no other one.
+        for target, _, node in function.bindings if function not in resetting and len(bound) == 1 else ():
             if function.field(target) in ("_np_random", "np_random") and program.bound_to(function) == program.env:
                 made = node.value if isinstance(node, ast.Assign) else None
                 if not (isinstance(made, ast.Call) and program.path(made.func, function) in MAKERS):
@@ -121,6 +132,15 @@ def _replaced(program: Program) -> Iterator[Suspect]:
 
 def _given(call: ast.Call) -> list[ast.expr]:
     return [*call.args, *(keyword.value for keyword in call.keywords)]
+
+
+def _sometimes(program: Program, node: ast.AST) -> bool:
+    """Whether a test decides that a statement runs."""
+    while not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Module):
+        node = program.parents[node]
+        if isinstance(node, ast.If | ast.IfExp):
+            return True
+    return False
 
 
 def only_if_seeded(program: Program, node: ast.AST) -> bool:

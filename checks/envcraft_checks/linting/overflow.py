@@ -31,17 +31,22 @@ def overflows(program: Program) -> Iterator[Suspect]:
                 case ast.BinOp(op=ast.Mult(), left=left, right=right):
                     for one, other in ((left, right), (right, left)):
                         factor = ranges.constant(other, function)
-                        if factor and (field := _bytes(function, one)):
+                        if isinstance(factor, int) and (field := _bytes(function, one)):
                             yield from _scaled(program, ranges, function, node, field, factor)
 
 
 def _measures(program: Program, node: ast.BinOp) -> bool:
     """Whether only the size of a difference counts."""
     match program.parents[node]:
-        case ast.Call(args=[first, *_]) as call:
-            return first is node and name_of(call) in _DISTANCES
-        case ast.BinOp(op=ast.Pow(), left=left):
-            return left is node
+        case ast.Call(args=[first, *_]) as outer if first is node and name_of(outer) in _DISTANCES:
+            call: ast.AST = outer
+            # Whether two arrays differ at all is right in any case.
+            while isinstance(call, ast.Attribute | ast.Call):
+                if name_of(call) == "any":
+                    return False
+                call = program.parents[call]
+            zero = any(isinstance(one, ast.Constant) and not one.value for one in ast.iter_child_nodes(call))
+            return not (isinstance(call, ast.UnaryOp) or (isinstance(call, ast.Compare) and zero))
     return False
 
 

@@ -10,7 +10,6 @@ from .outdated import only_if_seeded
 from .program import Function, Program, Suspect, line
 from .repeating import repeats
 
-_DEPTH = 4
 #: A test for a key that fills a table: the function, the test, and the key.
 _Filled = tuple[Function, ast.If, ast.expr]
 #: Methods by which play may empty a table.
@@ -20,7 +19,8 @@ _EMPTIES = frozenset({"clear", "pop", "popitem", "update"})
 def remembered(program: Program) -> Iterator[Suspect]:
     """Find tables that keep what one episode has drawn, and surfaces on which play paints, that reset() leaves."""
     reset = program.method(program.env, "reset")
-    if reset is None or "seed" not in reset.parameters:
+    # A base of another file may call what only this class defines.
+    if reset is None or "seed" not in reset.parameters or program.has_unknown_base(program.env):
         return
     own = [function for function in program.play if program.bound_to(function) == program.env]
     if any(by_name(node) for one in own for node in one.nodes):
@@ -49,7 +49,7 @@ def _drawn_fields(program: Program, own: list[Function]) -> set[str]:
         for function in own
         if function in resetting
         for target, value, _ in function.bindings
-        if (field := function.field(target)) and value is not None and _draws(program, function, value, set(), _DEPTH)
+        if (field := function.field(target)) and value is not None and _draws(program, function, value, set())
     }
 
 
@@ -65,6 +65,9 @@ def _tables(program: Program, own: list[Function], field: str, found: list[_Fill
                     empties = function.field(owner) == field
                 case ast.Attribute(ctx=ast.Store()):
                     empties = function.field(node) == field
+                case ast.Tuple(elts=parts) | ast.List(elts=parts) | ast.Call(args=parts):
+                    # Under another name it may be emptied where the code does not show it.
+                    empties = field in map(function.field, parts)
                 case _:
                     continue
             if empties and not only_if_seeded(program, node):
@@ -77,8 +80,9 @@ def _tables(program: Program, own: list[Function], field: str, found: list[_Fill
         if not seeded and not repeats(program, key, function):
             continue
         # What belongs to a level that the key names is the same each time.
-        others = drawn - {function.field(one) for one in ast.walk(key)}
-        if any(_draws(program, function, statement, others, _DEPTH) for statement in node.body):
+        parts = [key, *(value for one, value, _ in function.bindings if ast.dump(one) == _stored(key) and value)]
+        others = drawn - {function.field(one) for part in parts for one in ast.walk(part)}
+        if any(_draws(program, function, statement, others) for statement in node.body):
             yield Suspect(line(node), f"keeps what one episode drew in self.{field}, which reset() {how}")
 
 
@@ -89,14 +93,22 @@ def _fills(function: Function, statement: ast.stmt, field: str, key: ast.expr) -
     return False
 
 
-def _draws(program: Program, function: Function, node: ast.AST, drawn: set[str], depth: int) -> bool:
+def _stored(key: ast.expr) -> str:
+    return ast.dump(key).replace("Load()", "Store()")
+
+
+def _draws(program: Program, function: Function, node: ast.AST, drawn: set[str]) -> bool:
     """Whether code uses ``self.np_random`` or one of some attributes, here or in the functions that it calls."""
-    for one in ast.walk(node):
-        if function.field(one) in {"np_random", *drawn} and isinstance(getattr(one, "ctx", None), ast.Load):
-            return True
-        called = program.called(one, function) if depth and isinstance(one, ast.Call) else None
-        if called is not None and any(_draws(program, called, part, drawn, depth - 1) for part in called.node.body):
-            return True
+    waiting, seen = [(node, function)], {function}
+    while waiting:
+        part, where = waiting.pop()
+        for one in ast.walk(part):
+            if where.field(one) in {"np_random", *drawn} and isinstance(getattr(one, "ctx", None), ast.Load):
+                return True
+            called = program.called(one, where) if isinstance(one, ast.Call) else None
+            if called is not None and called not in seen:
+                seen.add(called)
+                waiting.append((called.node, called))
     return False
 
 
@@ -122,9 +134,11 @@ def _painted(program: Program, own: list[Function], field: str) -> Iterator[Susp
                     continue
                 case ast.Call(func=ast.Attribute() as painter, args=[surface, _, *shape]) if surface is node:
                     path = program.path(painter, function)
-                    if not path.startswith("pygame.draw.") or _may_cover(path, shape):
+                    # A shape that is always the same may be what clears the surface.
+                    same = all(isinstance(one, ast.Constant) for one in _leaves(shape))
+                    if not path.startswith("pygame.draw.") or same or _may_cover(path, shape):
                         return
-                    if function in stepping and not all(isinstance(one, ast.Constant) for one in _leaves(shape)):
+                    if function in stepping:
                         words = f"draws on self.{field}, which reset() never repaints: {ast.unparse(parent)[:60]}"
                         found.append(Suspect(line(parent), words))
                 case ast.Attribute(attr="get_width" | "get_height" | "get_size" | "get_rect" | "copy"):

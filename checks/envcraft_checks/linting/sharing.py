@@ -99,6 +99,8 @@ def _serial_numbers(program: Program) -> Iterator[Suspect]:
         for node in program.nodes
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mod | ast.BitAnd)
     } - {""}
+    renewed = {name_of(target) for one in program.reached("reset") for target, _, _ in one.bindings}
+    counts = {name for name in counts if name.rpartition(".")[2] not in renewed}
     for function in program.all:
         for target, value, node in function.bindings:
             match value:

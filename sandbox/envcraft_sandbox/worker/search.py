@@ -31,6 +31,8 @@ _EPISODES = 3
 _ALIKE = 12
 #: Steps for which :func:`react` holds a move, and those after it, in long branches and in short ones.
 _BRANCHES = ((6, 14), (3, 3))
+#: The most moves that are held before another one, to see whether only the last one matters.
+_OTHERS = 2
 #: Steps for which :func:`rock` holds each of two moves, and how often both must pay again.
 _ROCKED, _TURNS = 6, 6
 
@@ -239,11 +241,13 @@ def react(tree: Tree) -> None:
 
     def kept(move: Any, state: str) -> bool:
         """Whether the state is the same after another move, held before this one."""
-        others = [other for other, reached in moved if reached != state]
+        others = [other for other, reached in moved if reached != state][:_OTHERS]
         mixed = ([other] * (held - 1) + [move] + rest for other in others)
         return bool(others) and all((found := _branch(tree, node, one)) and found[1] == state for one in mixed)
 
-    tree.out.states = 1 + len({state for move, state in moved if not kept(move, state)})
+    states = 1 + len({state for move, state in moved if not kept(move, state)})
+    # A branch that the budget cut short says nothing.
+    tree.out.states = 0 if tree.spent() else states
 
 
 def rock(tree: Tree) -> None:
