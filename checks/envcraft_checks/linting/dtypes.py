@@ -85,10 +85,7 @@ class _Dtypes:
 
     def _replaced(self, node: ast.AST, later: list[tuple[ast.AST, str]]) -> bool:
         """Whether each way on from a statement leads to one of the later ones: one stands in a block around it."""
-        around = {node}
-        while node is not self._function.node:
-            node = self._program.parents[node]
-            around.add(node)
+        around = {node, *self._program.around(node, self._function)}
         return any(not around.isdisjoint(self._program.block(each)) for each, _ in later)
 
     def of(self, node: ast.expr | None) -> str:

@@ -387,8 +387,4 @@ def _constant(program: Program, function: Function, node: ast.expr) -> bool:
 
 def _always(program: Program, function: Function, node: ast.AST) -> bool:
     """Whether a call of a function's body runs whenever the function does."""
-    while node is not function.node:
-        node = program.parents[node]
-        if not isinstance(node, ast.Expr | ast.Assign | ast.FunctionDef | ast.AsyncFunctionDef):
-            return False
-    return True
+    return all(isinstance(each, ast.Expr | ast.Assign) for each in program.around(node, function))

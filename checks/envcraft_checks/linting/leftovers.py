@@ -182,10 +182,11 @@ def _counts_down(program: Program, function: Function, node: ast.AST, field: str
             )
         case _:
             return False
-    while counts and (node := program.parents[node]) is not function.node:
-        tests = [*ast.walk(node.test)] if isinstance(node, ast.If) else []
-        counts = bool(tests) and {function.field(one) or name_of(one) for one in tests} <= {field, function.me, ""}
-    return counts
+    return counts and all(
+        isinstance(each, ast.If)
+        and {function.field(one) or name_of(one) for one in ast.walk(each.test)} <= {field, function.me, ""}
+        for each in program.around(node, function)
+    )
 
 
 def used_fields(program: Program, own: list[Function]) -> set[str]:

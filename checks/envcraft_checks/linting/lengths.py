@@ -157,11 +157,10 @@ class Lengths:
     def _repeated(self, node: ast.AST, method: Function) -> float:
         """How often one call of a method runs a statement."""
         times = 1.0
-        while node is not method.node:
-            node = self._program.parents[node]
-            if isinstance(node, ast.For):
-                times *= self.of(node.iter, method)
-            elif isinstance(node, ast.While | ast.comprehension | ast.Lambda):
+        for each in self._program.around(node, method):
+            if isinstance(each, ast.For):
+                times *= self.of(each.iter, method)
+            elif isinstance(each, ast.While | ast.comprehension | ast.Lambda):
                 return math.inf
         return times
 
@@ -199,10 +198,9 @@ class Lengths:
         """The attribute of which a place is an item, or a part of an item over which a loop goes."""
         if field := method.field(place.value):
             return field
-        while node is not method.node:
-            node = self._program.parents[node]
-            if isinstance(node, ast.For):
-                items, iterated = node.target, node.iter
+        for each in self._program.around(node, method):
+            if isinstance(each, ast.For):
+                items, iterated = each.target, each.iter
                 if isinstance(iterated, ast.Call) and getattr(iterated.func, "id", "") == "enumerate":
                     items, iterated = getattr(items, "elts", [items])[-1], iterated.args[0]
                 if isinstance(items, ast.Name) and isinstance(place.value, ast.Name) and items.id == place.value.id:
@@ -214,10 +212,8 @@ class Lengths:
         text = ast.unparse(place)
         before = text if not value else f"not {text}"
         tests = _left_behind(place, parent)
-        while parent is not method.node:
-            if isinstance(parent, ast.If):
-                tests += _parts(parent.test)
-            parent = self._program.parents[parent]
+        for each in self._program.around(place, method):
+            tests += _parts(each.test) if isinstance(each, ast.If) else []
         return any(ast.unparse(test) == before for test in tests) and all(
             _stored(self._program.parents[node]) is value
             for each in self._play

@@ -205,10 +205,9 @@ def _assigned(program: Program, node: ast.AST, function: Function) -> Iterator[t
 
 def _conditions(program: Program, node: ast.AST, function: Function) -> Iterator[ast.expr]:
     """The tests of the statements that hold a node."""
-    while node is not function.node:
-        node = program.parents[node]
-        if isinstance(node, ast.If | ast.While | ast.IfExp):
-            yield node.test
+    for each in program.around(node, function):
+        if isinstance(each, ast.If | ast.While | ast.IfExp):
+            yield each.test
 
 
 def _bound(program: Program, test: ast.AST, function: Function) -> tuple[str, float, type[ast.cmpop]] | None:

@@ -104,12 +104,14 @@ def _repeated(program: Program) -> Iterator[Suspect]:
             if not (isinstance(node, ast.Call) and program.path(node.func, function) in MAKERS):
                 continue
             # One world for each seed, which reset() always makes, may be a design.
-            if function in resetting and not _sometimes(program, node):
+            if function in resetting and not any(_branches(program, function, node)):
                 continue
             parts = [part for one in _given(node) for part in (one.elts if isinstance(one, _DISPLAYS) else [one])]
             seeds = [one for one in parts if function.field(one) in _SEEDS]
             others = [one for one in parts if one not in seeds]
-            if seeds and all(repeats(program, one, function) for one in others) and not only_if_seeded(program, node):
+            if only_if_seeded(program, function, node):
+                continue
+            if seeds and all(repeats(program, one, function) for one in others):
                 words = f"seeds a generator with self.{function.field(seeds[0])}, which a reset() without a seed leaves"
                 yield Suspect(line(node), f"{words} as it is: {ast.unparse(node)[:60]}")
 
@@ -134,19 +136,11 @@ def _given(call: ast.Call) -> list[ast.expr]:
     return [*call.args, *(keyword.value for keyword in call.keywords)]
 
 
-def _sometimes(program: Program, node: ast.AST) -> bool:
-    """Whether a test decides that a statement runs."""
-    while not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Module):
-        node = program.parents[node]
-        if isinstance(node, ast.If | ast.IfExp):
-            return True
-    return False
-
-
-def only_if_seeded(program: Program, node: ast.AST) -> bool:
+def only_if_seeded(program: Program, function: Function, node: ast.AST) -> bool:
     """Whether a statement runs only under a test that asks for the seed."""
-    while not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Module):
-        node = program.parents[node]
-        if isinstance(node, ast.If | ast.IfExp) and "seed" in ast.unparse(node.test):
-            return True
-    return False
+    return any("seed" in ast.unparse(each.test) for each in _branches(program, function, node))
+
+
+def _branches(program: Program, function: Function, node: ast.AST) -> Iterator[ast.If | ast.IfExp]:
+    """The branches around a statement."""
+    return (each for each in program.around(node, function) if isinstance(each, ast.If | ast.IfExp))

@@ -266,6 +266,11 @@ class Program:
             return [(value, function) for value in bound] or [(None, function)]
         return [(self.module_values[node.id], None)] if node.id in self.module_values else []
 
+    def around(self, node: ast.AST, function: Function) -> Iterator[ast.AST]:
+        """The nodes of a function's body that hold a node, innermost first."""
+        while (node := self.parents[node]) is not function.node:
+            yield node
+
     def block(self, statement: ast.AST) -> list[ast.stmt]:
         """The statements among which one stands, itself included; none for what is no statement."""
         parent = self.parents[statement]

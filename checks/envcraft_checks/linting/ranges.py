@@ -170,10 +170,9 @@ class Ranges:
 
     def _once(self, node: ast.AST, method: Function, depth: int = 8) -> bool:
         """Whether a step runs a statement at most once: no loop holds it, nor the only call of its method."""
-        while node is not method.node:
-            node = self.program.parents[node]
-            if isinstance(node, ast.For | ast.While | ast.comprehension | ast.ListComp | ast.GeneratorExp | ast.Lambda):
-                return False
+        loops = (ast.For, ast.While, ast.comprehension, ast.ListComp, ast.GeneratorExp, ast.Lambda)
+        if any(isinstance(each, loops) for each in self.program.around(node, method)):
+            return False
         if method.name == "step":
             return True
         calls = [

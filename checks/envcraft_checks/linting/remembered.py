@@ -70,7 +70,7 @@ def _tables(program: Program, own: list[Function], field: str, found: list[_Fill
                     empties = field in map(function.field, parts)
                 case _:
                     continue
-            if empties and not only_if_seeded(program, node):
+            if empties and not only_if_seeded(program, function, node):
                 return
             seeded |= empties
     how = "empties only if it has a seed" if seeded else "never empties"

@@ -188,18 +188,16 @@ def is_bookkeeping(name: str) -> bool:
 
 def only_remembers(program: Program, function: Function, name: str, node: ast.AST) -> bool:
     """Whether a write only fills a table or a name that has no value yet."""
-    while node is not function.node:
-        node = program.parents[node]
-        tests = [node.test] if isinstance(node, ast.If) else []
-        for test in tests:
-            match test:
+    for each in program.around(node, function):
+        if isinstance(each, ast.If):
+            match each.test:
                 case ast.Compare(left=left, ops=[ast.Is() | ast.Eq()], comparators=[ast.Constant(value=None)]) if (
                     name in _names(left)
                 ):
                     return True
                 case ast.Compare(ops=[ast.NotIn()], comparators=[table]) if name_of(table) == name:
                     return not any(
-                        isinstance(one, ast.Call) and name_of(one) in ("add", "append") for one in ast.walk(node)
+                        isinstance(one, ast.Call) and name_of(one) in ("add", "append") for one in ast.walk(each)
                     )
                 case ast.UnaryOp(op=ast.Not(), operand=operand) if name_of(operand) == name or _has(operand, name):
                     return True
