@@ -10,7 +10,8 @@ comes a step late, because no agent receives it. The first step after the end, a
 step of an episode, or it pays the same in five episodes whose last steps pay something else.
 
 It also finds the step counter in the code. If nothing else limits an episode, play must not reset the counter, skip it
-for some actions, or increase it past a number that it must equal.
+for some actions, or increase it past a number that it must equal. Under a contract without a limit, an action that
+stops all change is held for twice as many steps as the code allows.
 
 A success must end the episode as `terminated`. If only `truncated` is set, the check looks for a longer episode on the
 same seed, which shows that the end is not a time limit.
@@ -150,6 +151,7 @@ class Termination(Check):
             yield from loss.find_ongoing(self, subject, usable, limit)
         else:
             yield from success.find_truncated(self, subject, usable)
+            yield from time_limit.find_paused(self, subject)
         yield from self._judge_short(subject, usable)
         yield from after.find_events(self, subject, usable)
 

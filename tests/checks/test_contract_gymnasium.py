@@ -156,6 +156,19 @@ ROUNDS = source("""
     reward, truncated = float((action + self.card) % 3 - 1), self.steps == 5
     self.card = int(self.np_random.integers(1, 11))
 """)
+#: Waiting for cargo costs a step of the day.
+FERRY = source(
+    """
+    self.total = min(self.total + action, 4) if action < 2 else 0
+    reward, truncated = float(action == 2), self.steps >= 90
+""",
+    observe="np.array([0.0, self.card, self.total])",
+)
+PAUSED = FERRY.replace("        self.steps += 1\n", "").replace(
+    "self.total = min",
+    "if action == 0 and self.total == 0:\n"
+    "            return self.observe(), 0.0, False, False, {}\n        self.steps += 1\n        self.total = min",
+)
 #: A wrong step is a fall, and nobody has come to the end of the rope.
 TIGHTROPE = source("""
     fell = action != self.card % 3
@@ -213,6 +226,7 @@ GOOD = {
     "rounds": ROUNDS,
     "tightrope": TIGHTROPE,
     "bonus": BONUS,
+    "ferry": FERRY,
     "unordered": UNORDERED,
     "objects": OBJECTS,
     "records": RECORDS,
@@ -233,6 +247,7 @@ UNPAID = set(GOOD) - {
     "rounds",
     "bonus",
     "tightrope",
+    "ferry",
 }
 BAD = {
     "EC109 past the bound": ("EC109", ROUGH.replace("1e-6", "1e-3")),
@@ -261,6 +276,7 @@ BAD = {
         _STATE, "spaces.GraphInstance(np.zeros((3, 2), np.float32), None, None)")),
     "EC403 unresponsive": ("EC403", COSTS.replace(_STATE, "np.array([self.steps, self.card, 0.0])").replace(
         "self.total > 30", "self.steps > 30")),
+    "EC501 an action that stops the clock": ("EC501", PAUSED),
     "EC503 over at once": ("EC503", COSTS.replace("self.total > 30", "self.steps == 2")),
     "EC503 over at once, and lost": ("EC503", TIGHTROPE.replace("fell or won", "self.steps == 2").replace(
         "float(not fell)", "-1.0").replace('"is_success": won', '"is_success": won, "at": self.total')),

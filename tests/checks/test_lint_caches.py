@@ -68,3 +68,16 @@ def test_a_result_that_outlives_what_it_depends_on(parts: dict[str, str]) -> Non
 def test_a_helper_has_attributes_of_its_own() -> None:
     assert found(HELPER.format(move="return self.you")) == set()
     assert found(HELPER.format(move="self.you += 1")) == {"EC053"}
+
+
+@pytest.mark.parametrize(("kept", "expected"), [("order", set()), ("self.ways", {"EC053"})])
+def test_a_table_of_the_class(kept: str, expected: set[str]) -> None:
+    more = f"""ways = []
+    charts = {{}}
+    def chart(self, goal):
+        if goal not in self.charts:
+            order = [2]
+            {kept}.append(goal)
+            self.charts[goal] = {kept}[0] * goal
+        return self.charts[goal]"""
+    assert codes(reset=START, see="return np.full(4, self.chart(self.start))", more=more) == expected

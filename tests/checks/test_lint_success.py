@@ -124,6 +124,12 @@ def test_info_that_is_made_before_the_success(step: str, success: str) -> None:
             "info = self._info()\nover = self._is_over()\nself._pick()" + END.format("over", "info"),
             "self.picked == 2",
         ),
+        # A bid is won, not the game.
+        (
+            "bid = min(action, self.oil)\nwon = bid > 3\nif won:\n    self.oil -= bid"
+            + END.format("self.oil <= 0", "{'won': won}"),
+            "",
+        ),
     ],
 )
 def test_info_that_is_made_in_time(step: str, success: str) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from envcraft.judging.shrink import repro
-from envcraft_checks.linting.limits import terminates_at, unlimited
+from envcraft_checks.linting.limits import step_limit, terminates_at, unlimited
 from envcraft_checks.linting.program import in_words, program_of
 
 from .flags import returned_flags
@@ -55,13 +55,40 @@ def find_evaded(check: Check, subject: Subject, limit: int) -> Iterator[Finding]
         )
 
 
+def find_paused(check: Check, subject: Subject) -> Iterator[Finding]:
+    """Find a held action that stops the counter of the code's own step limit, under a contract without a limit."""
+    program = program_of(subject)
+    limit = step_limit(program) if program is not None else None
+    still = _still(subject)
+    if limit is None or limit < 1 or still is None or not subject.affords(2 * int(limit)):
+        return
+    twice = subject.probes.hold(still.rollout.actions[0], length=2 * int(limit))
+    paused = subject.rollout(twice)
+    if paused.usable and not paused.ended:
+        yield check.finding(
+            "EC501",
+            f"{twice.player} does not end the episode within {paused.steps:,} steps, and the code has a limit of"
+            f" {limit:,.0f}",
+            line=subject.line_of("step"),
+            repro=repro(twice),
+        )
+
+
 def _standstill(subject: Subject) -> Trace | None:
     """A whole episode of the first held action that stops all change, as a pause does; None if there is none."""
+    still = _still(subject)
+    if still is None:
+        return None
+    whole = subject.probes.hold(still.rollout.actions[0])
+    return subject.rollout(whole) if subject.affords(len(whole.actions)) else None
+
+
+def _still(subject: Subject) -> Trace | None:
+    """The first held action that stops all change; None if there is none."""
     for trace in subject.held():
         tail = trace.observations[-_STILL:]
         if not trace.ended and trace.usable and trace.steps >= _STILL and len(set(tail)) == 1:
-            whole = subject.probes.hold(trace.rollout.actions[0])
-            return subject.rollout(whole) if subject.affords(len(whole.actions)) else None
+            return trace
     return None
 
 

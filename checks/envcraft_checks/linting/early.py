@@ -30,7 +30,7 @@ def early_successes(program: Program) -> Iterator[Suspect]:
     for end in step.nodes:
         if isinstance(end, ast.Return) and isinstance(end.value, ast.Tuple) and len(end.value.elts) == _FLAGS:
             for key, value, function, made in stored(program, end, step):
-                if function is step and order.shares_name(value, end):
+                if function is step and (order.shares_name(value, end) or order.is_event(value, end)):
                     continue
                 for name, read in order.readings(value, function, made):
                     change = order.change(name, read, end, value)
@@ -71,6 +71,25 @@ class _Order:
         assert isinstance(end.value, ast.Tuple)
         flags = {each for flag in end.value.elts[_FLAGS - 3 : _FLAGS - 1] for each in self._names(flag)}
         return not flags.isdisjoint(self._names(value))
+
+    def is_event(self, value: ast.expr, end: ast.Return) -> bool:
+        """Whether step() changes what the end depends on where a value is true, such as a won bid that costs money."""
+        assert isinstance(end.value, ast.Tuple)
+        flags = end.value.elts[_FLAGS - 3 : _FLAGS - 1]
+        deciding = {
+            each for flag in flags for one in (flag, *self._sources(flag)) for each in self._read(one, self.step, 1)
+        }
+        return isinstance(value, ast.Name) and any(
+            f"self.{self.step.field(target)}" in deciding
+            for target, node in [*((one, node) for one, _, node in self.step.bindings), *self.step.writes]
+            for around in self.program.around(node, self.step)
+            if isinstance(around, ast.If) and isinstance(around.test, ast.Name) and around.test.id == value.id
+        )
+
+    def _sources(self, value: ast.expr) -> list[ast.expr]:
+        """The values that step() binds to the names of an expression."""
+        names = self._names(value)
+        return [bound for name in names for _, bound in self._bound(name) if bound is not None]
 
     def _names(self, value: ast.expr) -> set[str]:
         """The names of which step() makes an expression."""

@@ -196,13 +196,19 @@ def only_remembers(program: Program, function: Function, name: str, node: ast.AS
                 ):
                     return True
                 case ast.Compare(ops=[ast.NotIn()], comparators=[table]) if name_of(table) == name:
-                    return not any(
-                        isinstance(one, ast.Call) and name_of(one) in ("add", "append") for one in ast.walk(each)
-                    )
+                    return not any(_adds_elsewhere(one, function) for one in ast.walk(each))
                 case ast.UnaryOp(op=ast.Not(), operand=operand) if name_of(operand) == name or _has(operand, name):
                     return True
         if isinstance(node, ast.ExceptHandler):
             return True
+    return False
+
+
+def _adds_elsewhere(node: ast.AST, function: Function) -> bool:
+    """Whether a call adds an item to what outlasts the function."""
+    match node:
+        case ast.Call(func=ast.Attribute(value=held, attr="add" | "append")):
+            return name_of(root(held)) not in function.local or isinstance(root(held), ast.Attribute)
     return False
 
 
