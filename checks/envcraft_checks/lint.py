@@ -20,11 +20,13 @@ same, where success needs them all.
 EC061 is about what step() returns: flags in each other's place, an info that is no dict, and one without the key for
 success that the info of another end has. EC062 is about each branch that brings success nearer: its rewards are
 negative numbers, or the step of success pays 0 after all. EC063 is about an attribute that render() counts on, and that
-step() reads. EC064 is about a picture of bytes that becomes one of floats. EC065 is about what each step pays, or each
-step with a button held, if that is more than success pays. EC066 is about a flag that only reset() clears: where it is
-true, the picture shows nothing new. EC067 is about a list that is written out and a counter that reads its items: no
-test and no limit keeps the counter below the length. EC068 is about a number that is named for a cost and pays.
-EC069 is about arrays of unsigned integers: distances between them, and colours that pass 255.
+step() reads, and about render() that draws from self.np_random. EC064 is about a picture of bytes that becomes one of
+floats. EC065 is about what each step pays, or each step with a button held, if that is more than success pays. EC066 is
+about a flag that only reset() clears: where it is true, the picture shows nothing new. EC067 is about a list that is
+written out and a counter that reads its items: no test and no limit keeps the counter below the length. EC068 is about
+a number that is named for a cost and pays. EC069 is about arrays of unsigned integers: distances between them, and
+colours that pass 255. EC070 is about pixels of a pygame surface that nothing transposes. EC071 is about a reward such
+as `2 ** self.streak`, if nothing limits the streak; where the power grows slowly, it is a warning.
 
 The check runs after the others. If play has shown a defect of the same kind, for example EC204 for a draw from a
 global generator, that finding has the reproduction, and this check does not repeat it. A rule that is off by default
@@ -89,7 +91,7 @@ from .linting.powers import powers
 from .linting.program import Program, Suspect, in_words
 from .linting.punished import punished_successes
 from .linting.remembered import remembered
-from .linting.rendering import drawn_changes
+from .linting.rendering import drawn_changes, drawn_numbers
 from .linting.results import wrong_results
 from .linting.running_out import short_lists
 from .linting.sharing import aliases, shared
@@ -97,6 +99,7 @@ from .linting.skipped import skipped_numbers
 from .linting.stopping import stopped_pictures
 from .linting.success import unreachable_successes
 from .linting.sums import floats
+from .linting.transposed import transposed_pictures
 from .linting.unending import ongoing_successes
 from .linting.unpaid import unpaid_successes
 from .linting.waiting import waiting_pays
@@ -124,7 +127,6 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC056", skipped_numbers),
     ("EC056", lasting_parts),
     ("EC057", divisions),
-    ("EC057", powers),
     ("EC058", swallowed),
     ("EC058", wrapped_indices),
     ("EC059", contradictions),
@@ -148,12 +150,15 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC062", punished_successes),
     ("EC062", unpaid_successes),
     ("EC063", drawn_changes),
+    ("EC063", drawn_numbers),
     ("EC064", float_pictures),
     ("EC065", waiting_pays),
     ("EC066", stopped_pictures),
     ("EC067", short_lists),
     ("EC068", paying_costs),
     ("EC069", overflows),
+    ("EC070", transposed_pictures),
+    ("EC071", powers),
 )
 
 
@@ -212,8 +217,8 @@ class Lint(Check):
         Rule(
             "EC057",
             "unguarded-arithmetic",
-            "The code divides without a test for zero, or pays a power of a counter without a limit.",
-            "Use max(divisor, 1e-8), and min() for the power.",
+            "The code divides without a test for zero.",
+            "Use max(divisor, 1e-8).",
             Severity.WARNING,
             default=False,
         ),
@@ -255,8 +260,8 @@ class Lint(Check):
         Rule(
             "EC063",
             "render-changes-game",
-            "render() changes what step() decides by.",
-            "Change the state in step(), and only draw in render().",
+            "render() changes what step() decides by, or draws the random numbers of the game.",
+            "Change the state and draw random numbers in step(), and only draw the picture in render().",
             confirmed_by=("EC208", "EC501"),
         ),
         Rule(
@@ -299,6 +304,19 @@ class Lint(Check):
             "bytes-wrap",
             "Arithmetic of unsigned integers of NumPy wraps around.",
             "Convert first: `array.astype(int)`.",
+        ),
+        Rule(
+            "EC070",
+            "picture-transposed",
+            "The observation has the axes of a pygame surface: x first, then y.",
+            "Return `np.transpose(pygame.surfarray.array3d(surface), (1, 0, 2))`.",
+        ),
+        Rule(
+            "EC071",
+            "reward-explodes",
+            "The reward is a power of a counter that nothing limits.",
+            "Limit the counter: `2 ** min(self.streak, 4)`.",
+            confirmed_by=("EC303",),
         ),
     )
 

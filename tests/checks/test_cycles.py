@@ -17,7 +17,7 @@ from envcraft.model.verdict import Finding, Severity
 from evaluation.fixtures import FIXTURES
 
 #: A skater with momentum, who is paid for crossing a line upwards.
-SKATER = (FIXTURES / "reward" / "good" / "skater_at_the_line.py").read_text()
+SKATER = (FIXTURES / "reward" / "bad" / "skater_at_the_line.py").read_text()
 CROSSED = "0.4 if self.place[1] < self.LINE <= before else 0.0"
 
 
@@ -32,9 +32,14 @@ def judged(source: str) -> list[Finding]:
 
 def test_two_moves_in_turn_pay_on_and_on() -> None:
     (finding,) = judged(SKATER)
-    assert (finding.code, finding.severity) == ("EC307", Severity.WARNING)
+    assert (finding.code, finding.severity) == ("EC307", Severity.ERROR)
     assert finding.evidence["gain"] == pytest.approx(0.4)
     assert len(finding.evidence["loop"]) == 12
+
+
+def test_a_loop_that_may_be_the_purpose_is_a_warning() -> None:
+    (finding,) = judged(SKATER.replace('{"is_success": won}', "{}"))
+    assert (finding.code, finding.severity) == ("EC307", Severity.WARNING)
 
 
 @pytest.mark.parametrize(

@@ -57,6 +57,7 @@ def unlimited(program: Program, limit: int) -> Iterator[Suspect]:
     yield from _paused(program, step, play, name)
     if kind is ast.Eq:
         yield from _jumps(play, name)
+        yield from _passed(program, step, play, name)
 
 
 def terminates_at(program: Program) -> tuple[int, Suspect] | None:
@@ -320,14 +321,43 @@ def _paused(program: Program, step: Function, play: list[Function], name: str) -
         if _names(test) & decided:
             yield Suspect(line(count), f"counts a step only if {ast.unparse(test)[:40]}")
             return
-    for node in step.nodes:
-        if isinstance(node, ast.Return) and line(node) < line(count):
-            flags = node.value.elts[_TRUNCATED - 1 : _TRUNCATED + 1] if isinstance(node.value, ast.Tuple) else []
+    for node in _goes_on(step):
+        if line(node) < line(count):
             tests = list(_conditions(program, node, step))
-            goes_on = len(flags) == _TWICE and all(isinstance(one, ast.Constant) and not one.value for one in flags)
-            if goes_on and tests and _names(tests[0]) <= decided:
+            if tests and (_names(tests[0]) <= decided or _stays(program, step, node, tests[0], decided)):
                 yield Suspect(line(node), f"returns if {ast.unparse(tests[0])[:40]}, before the step is counted")
                 return
+
+
+def _goes_on(step: Function) -> list[ast.Return]:
+    """The return statements whose flags are false."""
+    return [
+        node
+        for node in step.nodes
+        if isinstance(node, ast.Return)
+        and isinstance(node.value, ast.Tuple)
+        and len(node.value.elts) == _RESULTS
+        and all(
+            isinstance(flag, ast.Constant) and flag.value is False
+            for flag in node.value.elts[_TRUNCATED - 1 : _TRUNCATED + 1]
+        )
+    ]
+
+
+def _stays(program: Program, step: Function, end: ast.Return, test: ast.expr, decided: set[str]) -> bool:
+    """Whether a state lasts as long as the player wants: one attribute, which its branch changes only for an action."""
+    field = step.field(test)
+    if not field or _OVER.search(field):
+        return False
+    branch = program.block(end)
+    inside = [node for statement in branch for node in ast.walk(statement)]
+    changes = [node for target, _, node in step.bindings if step.field(target) == field and node in inside]
+    called = [one for node in inside if isinstance(node, ast.Call) and (one := program.called(node, step))]
+    hidden = any(one.field(target) == field for one in called for target, _, _ in one.bindings)
+    chosen = all(
+        any(_names(each) & decided for each in _conditions(program, node, step) if each in inside) for node in changes
+    )
+    return chosen and not hidden
 
 
 def _decided(program: Program, step: Function, play: list[Function]) -> set[str]:
@@ -355,6 +385,24 @@ def _names(test: ast.AST) -> set[str]:
     attributes = {node.attr for node in ast.walk(test) if isinstance(node, ast.Attribute)}
     names = {node.id for node in ast.walk(test) if isinstance(node, ast.Name)}
     return attributes | (names - {"self", "int", "bool", "any", "np", "len", "float", "list", "map", "tuple"})
+
+
+def _passed(program: Program, step: Function, play: list[Function], name: str) -> Iterator[Suspect]:
+    """Find a return after the step is counted and before the limit is tested, so that play may never equal it."""
+    counts = [node for node, one in _adds(play, name) if one is step]
+    tests = [
+        node
+        for node in step.nodes
+        if isinstance(node, ast.Compare) and isinstance(node.ops[0], ast.Eq) and name_of(node.left) == name
+    ]
+    for node in _goes_on(step):
+        over = any(_OVER.search(ast.unparse(test)) for test in _conditions(program, node, step))
+        if len(counts) == 1 and len(tests) == 1 and line(counts[0]) < line(node) < line(tests[0]) and not over:
+            words = (
+                f"returns before line {line(tests[0])} tests {ast.unparse(tests[0])[:40]}, which only one step can meet"
+            )
+            yield Suspect(line(node), words)
+            return
 
 
 def _jumps(play: list[Function], name: str) -> Iterator[Suspect]:

@@ -10,6 +10,8 @@ from .ranges import Ranges
 
 _BOUNDS = frozenset({"clip", "log", "log1p", "min", "minimum", "sqrt", "tanh"})
 _DEPTH = 3
+#: The base from which a dozen events multiply a reward by more than 100.
+_FAST = 1.5
 
 
 def powers(program: Program) -> Iterator[Suspect]:
@@ -34,7 +36,8 @@ def powers(program: Program) -> Iterator[Suspect]:
             counter = _counter(program, exponent, function)
             if counter and _is_free(program, counter) and _is_paid(program, function, node):
                 words = f"pays {ast.unparse(node)[:40]} as a reward, and nothing limits self.{counter}"
-                yield Suspect(line(node), words, certain=False)
+                slow = any(isinstance(one, ast.Div | ast.FloorDiv) for one in ast.walk(exponent))
+                yield Suspect(line(node), words, certain=(shifts or number >= _FAST) and not slow)
 
 
 def _counter(program: Program, node: ast.expr, function: Function, depth: int = _DEPTH) -> str:

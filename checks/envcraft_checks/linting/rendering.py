@@ -1,11 +1,11 @@
-"""State of the game that drawing changes."""
+"""State of the game that drawing changes: what step() decides by, and the random numbers that it draws next."""
 
 from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
 
-from .program import Function, Program, Suspect, line
+from .program import Function, Program, Suspect, line, name_of
 
 _COMPUTED = (ast.BinOp, ast.UnaryOp, ast.IfExp)
 
@@ -26,6 +26,48 @@ def drawn_changes(program: Program) -> Iterator[Suspect]:
         for node in function.nodes:
             if (field := _advanced(node, function)) in read:
                 yield Suspect(line(node), f"changes self.{field} while it draws, and line {line(read[field])} reads it")
+
+
+def drawn_numbers(program: Program) -> Iterator[Suspect]:
+    """Find random numbers that render() draws from the generator of the game, where step() needs the next ones."""
+    drawing, stepping = program.reached("render"), program.reached("step")
+    # A picture before the first episode may call reset().
+    if not any(map(_draws, stepping)) or any(function.name == "reset" for function in drawing):
+        return
+    for function in drawing:
+        texts = {node.attr for node in function.nodes if isinstance(node, ast.Attribute)}
+        for node in _draws(function) if "bit_generator" not in texts else ():
+            # What is drawn once may be drawn at the reset.
+            once = any(isinstance(each, ast.If) and _asks_for_none(each) for each in program.around(node, function))
+            if not once:
+                words = f"draws from self.np_random while it draws the picture: {ast.unparse(node)[:60]}"
+                yield Suspect(line(node), words)
+
+
+def _draws(function: Function) -> list[ast.Call]:
+    """The calls of a function that draw from ``self.np_random``, under its own name or another one."""
+    names = {
+        target.id
+        for target, value, _ in function.bindings
+        if isinstance(target, ast.Name) and function.field(value) == "np_random"
+    }
+    return [
+        node
+        for node in function.nodes
+        if isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Attribute)
+        and (function.field(node.func.value) == "np_random" or name_of(node.func.value) in names)
+    ]
+
+
+def _asks_for_none(branch: ast.If) -> bool:
+    """Whether a branch runs only if something has no value yet."""
+    match branch.test:
+        case ast.Compare(ops=[ast.Is() | ast.Eq()], comparators=[ast.Constant(value=None)]):
+            return True
+        case ast.UnaryOp(op=ast.Not(), operand=ast.Call(func=ast.Name(id="hasattr"))) | ast.Compare(ops=[ast.NotIn()]):
+            return True
+    return False
 
 
 def _deciding(node: ast.If | ast.IfExp | ast.While | ast.Compare | ast.BinOp) -> Iterator[ast.AST]:

@@ -89,10 +89,20 @@ def _cycle(subject: Subject, traces: list[Trace]) -> Farmed | None:
                 f"repeating {_in_words(actions[-size:])} pays at least {least:g} each time, {TIMES} times in a "
                 f"row, and leads back to the same state; this earns {earned:g} in {plural(longest, 'step')}, while "
                 f"no episode succeeds or earns more than {most:g}",
-                False,
+                earned >= _FAR * max(most, 0) and _leads_nowhere(subject, number, actions, size, longest),
                 {"loop": actions[-size:], "gain": least, "earned": earned, "most": most},
             )
     return None
+
+
+def _leads_nowhere(subject: Subject, number: int, actions: list[Any], size: int, longest: int) -> bool:
+    """Whether info reports no success up to the end of an episode that repeats a loop."""
+    if not subject.searches.spares(longest):
+        return False
+    repeats = max(longest - len(actions), 0) // size
+    trace = subject.searches.scripted(number, [*actions, *actions[-size:] * repeats], "a loop of actions")
+    lost = trace.ended and trace.terminated[-1]
+    return trace.usable and trace.reported_success is False and not lost
 
 
 def _repeated(subject: Subject, number: int, actions: list[Any], size: int, success: Trace) -> Trace | None:
