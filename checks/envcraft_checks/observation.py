@@ -20,6 +20,10 @@ to different states. These steps are enough for a light that is off for a while 
 If step() fails whenever some action is taken, nothing is known of the observations after it. Then the check does not
 decide whether the observation is constant, unresponsive or without the agent.
 
+Under a contract with a limit, actions must not lose their effect. In the first random episode, other actions are played
+for the last 150 of at most 600 steps, and in a second one if they lead to the same pictures and rewards. If they do so
+in both, the observation does not react.
+
 The contrast is too low if no channel of any picture spans more than eight of 255 levels. A dark game usually has a
 bright pixel in some picture. Small pictures may contain codes instead of colours, and so may grey pictures that no
 contract prescribes.
@@ -79,7 +83,7 @@ from .pictures.late import find_late
 from .pictures.noise import find_noise
 from .pictures.traces import Defect, only_raising
 from .pictures.twins import find_twins
-from .pictures.unresponsive import find_unresponsive
+from .pictures.unresponsive import find_dead, find_unresponsive
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -220,6 +224,7 @@ def _defects(subject: Subject, traces: list[Trace]) -> Iterator[tuple[str, Defec
     yield "EC405", find_faint(subject)
     yield "EC402", find_noise(subject)
     yield "EC403", find_unresponsive(subject, traces)
+    yield "EC403", find_dead(subject)
     yield "EC407", find_invisible(subject)
     yield "EC401", find_frozen(subject, traces)
     yield "EC409", find_late(subject)

@@ -37,11 +37,6 @@ def test_two_moves_in_turn_pay_on_and_on() -> None:
     assert len(finding.evidence["loop"]) == 12
 
 
-def test_a_loop_that_may_be_the_purpose_is_a_warning() -> None:
-    (finding,) = judged(SKATER.replace('{"is_success": won}', "{}"))
-    assert (finding.code, finding.severity) == ("EC307", Severity.WARNING)
-
-
 @pytest.mark.parametrize(
     "change",
     [

@@ -70,16 +70,18 @@ def test_a_border_that_is_tested(step: str, parts: dict[str, str]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("step", "parts"),
+    ("step", "certain"),
     [
-        ("self.streak += 1\nreward += 0.1 * 2 ** (self.streak // 3)", {}),
-        ("self.streak += 1\nbonus = 1.5**self.streak\nreward = bonus if action[1] else 0.0", {}),
-        ("self.streak += 1\nreward += self._go(1)", {"go": "return 1 << self.streak"}),
-        ("self.streak += 1\nreward += np.power(2.0, self.streak)", {}),
+        ("self.streak += 1\nreward += 0.1 * 2 ** (self.streak // 3)", False),
+        ("self.streak += 1\nreward += 1.1**self.streak", False),
+        ("self.streak += 1\nbonus = 1.5**self.streak\nreward = bonus if action[1] else 0.0", True),
+        ("self.streak += 1\nreward += self._go(1)", True),
+        ("self.streak += 1\nreward += np.power(2.0, self.streak)", True),
+        ("self.streak = self.streak + 1 if action[1] else 0\nreward += 2**self.streak", True),
     ],
 )
-def test_a_reward_that_doubles_without_end(step: str, parts: dict[str, str]) -> None:
-    assert pressed(step, **parts) == {"EC057": False}
+def test_a_reward_that_doubles_without_end(step: str, certain: bool) -> None:
+    assert pressed(step, go="return 1 << self.streak") == {"EC071": certain}
 
 
 @pytest.mark.parametrize(

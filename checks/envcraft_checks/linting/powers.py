@@ -71,7 +71,10 @@ def _is_free(program: Program, field: str) -> bool:
                 case ast.AugAssign(target=target, op=ast.Add()) if method.field(target) == field:
                     grows = True
                 case ast.Assign(targets=targets, value=value) if field in map(method.field, targets):
-                    if any(isinstance(one, ast.Call | ast.BinOp) for one in ast.walk(value)):
+                    added = [one for one in _branches(value) if _is_added(one, field, method)]
+                    grows |= bool(added)
+                    others = [one for one in _branches(value) if one not in added]
+                    if any(isinstance(part, ast.Call | ast.BinOp) for one in others for part in ast.walk(one)):
                         return False
                 case ast.Compare(left=left, comparators=comparators):
                     sides = [left, *comparators]
@@ -79,6 +82,19 @@ def _is_free(program: Program, field: str) -> bool:
                     if field in map(method.field, sides) and numbers not in ([0], [1]):
                         return False
     return grows
+
+
+def _branches(value: ast.expr) -> list[ast.expr]:
+    """The values that an expression may have by its conditions."""
+    return [*_branches(value.body), *_branches(value.orelse)] if isinstance(value, ast.IfExp) else [value]
+
+
+def _is_added(value: ast.expr, field: str, method: Function) -> bool:
+    """Whether an expression is an attribute and a number."""
+    match value:
+        case ast.BinOp(left=left, op=ast.Add(), right=ast.Constant()):
+            return method.field(left) == field
+    return False
 
 
 def _is_paid(program: Program, function: Function, node: ast.AST, depth: int = _DEPTH) -> bool:

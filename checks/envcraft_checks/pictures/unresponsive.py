@@ -1,14 +1,22 @@
-"""Observations that are the same under all actions."""
+"""Observations that are the same under all actions, in whole episodes or from some step on."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+from envcraft.judging.actions import random_actions, sticky_actions
+from envcraft.model.rollout import Rollout
 
 from .traces import Defect
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
     from envcraft.model.trace import Trace
+
+#: The steps in which no action has an effect: a stun or an animation is shorter.
+_DEAD = 150
+#: The steps of an episode of which the last ones are compared.
+_SEEN = 600
 
 
 def find_unresponsive(subject: Subject, traces: list[Trace]) -> Defect | None:
@@ -38,6 +46,34 @@ def find_unresponsive(subject: Subject, traces: list[Trace]) -> Defect | None:
         f"up to {longest.steps} steps)",
         longest.rollout.cut(longest.steps),
         {"compared": compared},
+    )
+
+
+def find_dead(subject: Subject) -> Defect | None:
+    """Find random play in which other actions lead to the same observations and rewards from some step on, under a
+    contract with a limit.
+    """
+    first = subject.episodes.whole[0]
+    steps = min(first.steps, _SEEN)
+    if subject.contract.limit is None or first.terminated[-1:] == [True] or steps < 2 * _DEAD:
+        return None
+    start = steps - _DEAD
+    for number, order in enumerate((random_actions, sticky_actions)):
+        if not subject.searches.spares(steps * (1 + number)):
+            return None
+        trace = subject.rollout(subject.probes.random(number, steps)) if number else first
+        if trace.steps < steps or len(set(trace.rewards[start:steps])) > 1:
+            return None
+        others = order(subject.action_space, trace.rollout.seed + 1, _DEAD)
+        player = f"other actions after step {start}"
+        other = subject.rollout(Rollout(trace.rollout.seed, trace.actions[:start] + others, player=player))
+        same = trace.usable and other.usable and not trace.opaque and other.steps == steps
+        if not same or other.observations != trace.observations[: steps + 1] or other.rewards != trace.rewards[:steps]:
+            return None
+    return Defect(
+        f"in two episodes of random play, other actions change nothing in the {_DEAD} steps after step {start}",
+        first.rollout.cut(steps),
+        {"step": start, "steps": _DEAD},
     )
 
 
