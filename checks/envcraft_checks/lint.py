@@ -19,14 +19,15 @@ same, where success needs them all.
 
 EC061 is about what step() returns: flags in each other's place, an info that is no dict, and one without the key for
 success that the info of another end has. EC062 is about each branch that brings success nearer: its rewards are
-negative numbers, or the step of success pays 0 after all. EC063 is about an attribute that render() counts on, and that
-step() reads, and about render() that draws from self.np_random. EC064 is about a picture of bytes that becomes one of
-floats. EC065 is about what each step pays, or each step with a button held, if that is more than success pays. EC066 is
-about a flag that only reset() clears: where it is true, the picture shows nothing new. EC067 is about a list that is
-written out and a counter that reads its items: no test and no limit keeps the counter below the length. EC068 is about
-a number that is named for a cost and pays. EC069 is about arrays of unsigned integers: distances between them, and
-colours that pass 255. EC070 is about pixels of a pygame surface that nothing transposes. EC071 is about a reward such
-as `2 ** self.streak`, if nothing limits the streak; where the power grows slowly, it is a warning.
+negative numbers, the step of success pays 0 after all, or a late success costs. EC063 is about an attribute that
+render() counts on, and that step() reads, and about render() that draws from self.np_random. EC064 is about a picture
+of bytes that becomes one of floats. EC065 is about what each step pays, or each step with a button held, if that is
+more than success pays. EC066 is about a flag that only reset() clears: where it is true, the picture shows nothing new.
+EC067 is about a list that is written out and a counter that reads its items: no test and no limit keeps the counter
+below the length. EC068 is about a number that is named for a cost and pays. EC069 is about arrays of unsigned integers:
+distances between them, and colours that pass 255. EC070 is about pixels of a pygame surface that nothing transposes.
+EC071 is about a reward such as `2 ** self.streak`, if nothing limits the streak; where the power grows slowly, it is a
+warning.
 
 The check runs after the others. If play has shown a defect of the same kind, for example EC204 for a draw from a
 global generator, that finding has the reproduction, and this check does not repeat it. A rule that is off by default
@@ -78,6 +79,7 @@ from .linting.equal import equal_values
 from .linting.generators import generators
 from .linting.lasting import lasting_parts
 from .linting.late import late_pictures
+from .linting.lateness import late_successes
 from .linting.leftovers import leftovers
 from .linting.limits import other_limits
 from .linting.logic import contradictions, divisions
@@ -149,6 +151,7 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC061", wrong_results),
     ("EC062", punished_successes),
     ("EC062", unpaid_successes),
+    ("EC062", late_successes),
     ("EC063", drawn_changes),
     ("EC063", drawn_numbers),
     ("EC064", float_pictures),

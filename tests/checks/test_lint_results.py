@@ -131,6 +131,24 @@ def test_progress_that_pays(step: str) -> None:
     assert "EC062" not in codes(step)
 
 
+@pytest.mark.parametrize(
+    ("prize", "expected"),
+    [
+        ("12 - 0.2 * self.steps", {"EC062"}),
+        ("left = 50 - self.steps\n    reward += 5 + left", {"EC062"}),
+        ("max(12 - 0.2 * self.steps, 0.0)", set()),
+        ("12 - 0.1 * self.steps", set()),
+        ("0.1 * self.steps", set()),
+        ("12 - 0.2 * self.steps\n    reward += 10", set()),
+        ("12 - 0.2 * self.hearts", set()),
+    ],
+)
+def test_a_prize_that_falls_with_time(prize: str, expected: set[str]) -> None:
+    paid = prize if "=" in prize.partition("\n")[0] else f"reward += {prize}"
+    step = f"won = self.at == 9\nif won:\n    {paid}" + END.format("reward", "won", "won")
+    assert codes(step) & {"EC062"} == expected
+
+
 def test_a_price_is_a_warning() -> None:
     prize = "won = self.picked >= 3\nif won:\n    reward += 5.0"
     step = PICKED.format("-0.1") + prize + END.format("reward", "won", "won")

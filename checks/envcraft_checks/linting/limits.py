@@ -96,7 +96,7 @@ def other_limits(program: Program) -> Iterator[Suspect]:
     counted = _counted(program)
     if len(counted) != 1:
         return
-    [(test, most)] = counted
+    [(test, most, _)] = counted
     if isinstance(test, ast.Compare) and isinstance(test.comparators[0], ast.Constant):
         for name, value in _declared(program).items():
             if value != most and _reads(program, name):
@@ -109,8 +109,15 @@ def step_limit(program: Program) -> float | None:
     return counted[0][1] if len(counted) == 1 else None
 
 
-def _counted(program: Program) -> list[tuple[ast.AST, float]]:
-    """The tests that end an episode by a count of its steps, each with the number."""
+def time_limit(program: Program) -> tuple[str, float] | None:
+    """The attribute that counts steps and the number that ends an episode; None if there is not exactly one."""
+    counted = _counted(program)
+    bound = _bound(program, counted[0][0], counted[0][2]) if len(counted) == 1 else None
+    return (bound[0], bound[1]) if bound is not None else None
+
+
+def _counted(program: Program) -> list[tuple[ast.AST, float, Function]]:
+    """The tests that end an episode by a count of its steps, each with the number and the function."""
     step = program.method(program.env, "step")
     if step is None:
         return []
@@ -119,7 +126,7 @@ def _counted(program: Program) -> list[tuple[ast.AST, float]]:
         node: function for place in (_TRUNCATED - 1, _TRUNCATED) for node, function in _tests(program, step, place)
     }
     return [
-        (node, found[1])
+        (node, found[1], function)
         for node, function in tests.items()
         if (found := _bound(program, node, function))
         and _adds(play, found[0])
