@@ -83,18 +83,21 @@ class Ranges:
     def _judge(self, field: str) -> tuple[float, float]:
         if self._set or field in self._foreign:
             return -math.inf, math.inf
-        ranges = []
+        changes: list[tuple[ast.expr | None, ast.AST, Function]] = []
         for method in self.methods:
-            for target, value, statement in method.bindings:
-                if method.field(target) == field and not self._settled(statement, field, method):
-                    ranges.append(self.range(value, method))
-            for node in method.nodes:
-                if (
-                    isinstance(node, ast.AugAssign)
-                    and method.field(node.target) == field
-                    and not self._settled(node, field, method)
-                ):
-                    ranges.append(self._moved((math.inf, -math.inf), node.op, node.value, method))
+            bound = [(value, node, method) for target, value, node in method.bindings if method.field(target) == field]
+            added = [node for node in method.nodes if isinstance(node, ast.AugAssign)]
+            changes += [*bound, *((node.value, node, method) for node in added if method.field(node.target) == field)]
+        last = [(value, node, method) for value, node, method in changes if not self._settled(node, field, method)]
+        if len(last) < len(changes):
+            # What is clipped next may be anything before.
+            self._known[field] = -math.inf, math.inf
+        ranges = [
+            self._moved((math.inf, -math.inf), node.op, value, method)
+            if isinstance(node, ast.AugAssign) and value is not None
+            else self.range(value, method)
+            for value, node, method in last
+        ]
         known = self.program.class_values(self.program.env)
         if field in known:
             ranges.append(self.range(known[field][1], None))

@@ -11,11 +11,15 @@ from .cycles import TIMES, leads_back
 from .successes import best_soon, clearly_more, successes
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from envcraft.judging.subject import Subject
     from envcraft.model.trace import Trace
 
 #: The fewest repetitions of a loop.
 _REPEATS = 4
+#: The steps in which a held action pays each time.
+_STEADY = 40
 #: How many times more than every success a loop earns where that is an error.
 _FAR = 2
 
@@ -75,12 +79,13 @@ def _cycle(subject: Subject, traces: list[Trace]) -> Farmed | None:
     """A loop where no play succeeds: it pays on and on and leads back to the same state, and no other play earns as
     much.
     """
-    most, longest = max(trace.total for trace in traces), max(trace.steps for trace in traces)
-    for number, actions, size in subject.searches.loops:
+    longest = max(trace.steps for trace in traces)
+    for number, actions, size in [*subject.searches.loops, *_held(subject)]:
         trace = leads_back(subject, number, actions, size)
         if trace is None:
             continue
         first = len(actions) - size
+        most = max((each.total for each in traces if set(map(str, each.actions)) != {str(actions[-1])}), default=0.0)
         least = min(sum(trace.rewards[at : at + size]) for at in range(first, trace.steps, size))
         earned = trace.total + least * max(longest - trace.steps, 0) / size
         if least > 0 and earned >= clearly_more(most):
@@ -93,6 +98,13 @@ def _cycle(subject: Subject, traces: list[Trace]) -> Farmed | None:
                 {"loop": actions[-size:], "gain": least, "earned": earned, "most": most},
             )
     return None
+
+
+def _held(subject: Subject) -> Iterator[tuple[int, list[Any], int]]:
+    """Held actions that pay at each of many steps, as loops of one action."""
+    for trace in subject.held():
+        if trace.usable and trace.steps >= _STEADY and min(trace.rewards[-_STEADY:]) > 0:
+            yield 0, trace.actions[:_STEADY], 1
 
 
 def _leads_nowhere(subject: Subject, number: int, actions: list[Any], size: int, longest: int) -> bool:
