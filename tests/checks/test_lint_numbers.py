@@ -129,8 +129,8 @@ def test_a_number_that_does_not_wrap(step: str) -> None:
     assert pressed(step) == {}
 
 
-@pytest.mark.parametrize("moved", ["self.x += action[0] - 2", "self.x = self.x + action[0] - 2", "self.x += 1"])
+@pytest.mark.parametrize("moved", ["self.w += action[0] - 2", "self.w = self.w + action[0] - 2", "self.w += 1"])
 def test_a_number_that_the_next_statement_clips(moved: str) -> None:
-    step = f"{moved}\nself.x = min(max(self.x, 0), 9)\nif action[1] and self.x < {{}}: self.y += 1"
-    assert pressed(step.format(2), reset="self.x = 5", go="pass") == {}
-    assert pressed(step.format(0), reset="self.x = 5", go="pass") == {"EC059": True}
+    step = f"{moved}\nself.w = min(max(self.w, 0), 9)\nif action[1] and self.w < {{}}: self.y += 1"
+    assert pressed(step.format(2), reset="self.w = 5", go="pass") == {}
+    assert pressed(step.format(0), reset="self.w = 5", go="pass") == {"EC059": True}
