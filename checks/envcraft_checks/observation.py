@@ -21,8 +21,8 @@ If step() fails whenever some action is taken, nothing is known of the observati
 decide whether the observation is constant, unresponsive or without the agent.
 
 Under a contract with a limit, actions must not lose their effect. In the first random episode, other actions are played
-for the last 150 of at most 600 steps, and in a second one if they lead to the same pictures and rewards. If they do so
-in both, the observation does not react.
+for the last 150 of at most 600 steps, and in a second one if they lead to the same pictures and rewards. It is an error
+if they do so in both.
 
 The contrast is too low if no channel of any picture spans more than eight of 255 levels. A dark game usually has a
 bright pixel in some picture. Small pictures may contain codes instead of colours, and so may grey pictures that no
@@ -148,6 +148,12 @@ class Observation(Check):
             "Draw the frame at the end of step(), after all changes of state.",
             Severity.WARNING,
         ),
+        Rule(
+            "EC410",
+            "actions-without-effect",
+            "From some step on, no action has an effect.",
+            "Count down what stops the player, such as a stun, at every step, or end the episode.",
+        ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
@@ -224,11 +230,11 @@ def _defects(subject: Subject, traces: list[Trace]) -> Iterator[tuple[str, Defec
     yield "EC405", find_faint(subject)
     yield "EC402", find_noise(subject)
     yield "EC403", find_unresponsive(subject, traces)
-    yield "EC403", find_dead(subject)
     yield "EC407", find_invisible(subject)
     yield "EC401", find_frozen(subject, traces)
     yield "EC409", find_late(subject)
     yield "EC408", find_twins(subject)
+    yield "EC410", find_dead(subject)
     yield "EC406", find_hidden(subject, traces) or find_unseen(subject, traces)
 
 
