@@ -33,6 +33,9 @@ flags do. And moves lead to at least three different states of the game that las
 the first moves, to at least three different results; two results are a warning. A move may become visible late, or
 matter only while its button is pressed.
 
+An agent has left the picture if, after one move that is held for 60 steps, all moves have the same pictures as doing
+nothing, and lead to at least three different states.
+
 A picture is late (a warning) if in each of at least three states all moves lead to the same next picture, and to
 different ones a step later, although rewards or ends differ at once. Then an agent sees what an action does one step
 after it is paid for it. A player with momentum may be seen late, too, but is also paid late.
@@ -78,7 +81,7 @@ from .pictures.contrast import find_faint
 from .pictures.drawing import frame_line
 from .pictures.frozen import find_frozen
 from .pictures.hidden import find_hidden, find_unseen
-from .pictures.invisible import find_invisible
+from .pictures.invisible import find_invisible, find_strayed
 from .pictures.late import find_late
 from .pictures.noise import find_noise
 from .pictures.traces import Defect, only_raising
@@ -230,7 +233,7 @@ def _defects(subject: Subject, traces: list[Trace]) -> Iterator[tuple[str, Defec
     yield "EC405", find_faint(subject)
     yield "EC402", find_noise(subject)
     yield "EC403", find_unresponsive(subject, traces)
-    yield "EC407", find_invisible(subject)
+    yield "EC407", find_invisible(subject) or find_strayed(subject)
     yield "EC401", find_frozen(subject, traces)
     yield "EC409", find_late(subject)
     yield "EC408", find_twins(subject)

@@ -267,7 +267,14 @@ class Searches:
 
         It is 1 if no move has a lasting effect that the picture does not show, and 0 if that is not known.
         """
-        return int(self._cache.search(Search("react", seed, len(path) + _REACT, path)).get("states") or 0)
+        return self._states("react", path, seed)
+
+    def unseen_states(self, path: list[Action], seed: int) -> int:
+        """The same, but 0 if the picture shows some move (the worker's ``vanish``)."""
+        return self._states("vanish", path, seed)
+
+    def _states(self, kind: str, path: list[Action], seed: int) -> int:
+        return int(self._cache.search(Search(kind, seed, len(path) + _REACT, path)).get("states") or 0)
 
     def script(self, number: int, chosen: Sequence[Action], player: str) -> Rollout:
         """A rollout of actions that a search found."""

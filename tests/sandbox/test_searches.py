@@ -205,6 +205,14 @@ def test_moves_that_no_picture_shows_lead_to_hidden_states() -> None:
     assert searched("react", source=SPRING)[0].states == 1
 
 
+def test_one_move_that_is_seen_shows_what_the_moves_control() -> None:
+    hidden = SPRING.replace("40 * self.at", "0").replace("won = self.at == 5", "won = False")
+    assert searched("vanish", source=hidden)[0].states == 3
+    assert searched("vanish", source=SPRING)[0].states == 0
+    right = SPRING.replace("40 * self.at", "40 * max(self.at, 0)").replace("won = self.at == 5", "won = False")
+    assert searched("vanish", source=right)[0].states == 0
+
+
 def test_the_last_action_is_no_hidden_state() -> None:
     still = SPRING.replace("(0, 1, -1)[action]", "0")
     assert searched("react", step="self.last = action", source=still)[0].states == 1

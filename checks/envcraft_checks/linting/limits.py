@@ -10,7 +10,7 @@ from .program import Function, Program, Suspect, line, name_of
 
 _TRUNCATED, _RESULTS = 3, 5
 #: Words in names of what is so when an episode is over.
-_OVER = re.compile(r"done|over|terminat|truncat|lost|lose|dead|died|success|victory|won\b|win\b|finish", re.I)
+_OVER = re.compile(r"done|over|ended|terminat|truncat|lost|lose|dead|died|success|victory|won\b|win\b|finish", re.I)
 #: Names of what limits the time of an episode. A number of moves or of turns may be a rule of the game.
 _LIMIT = re.compile(r"max_?(episode_?)?(steps?|len|frames)|(steps?|time|episode|frames?)_?(limit|length)|horizon", re.I)
 #: Names of what limits the steps of an episode, and nothing else.

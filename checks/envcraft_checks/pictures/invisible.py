@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 #: Steps of a move that is held, steps of the episode, and the most moves.
 _MOVED, _WAITED, _MOVES = 8, 120, 6
+#: Steps of a move that leads far away.
+_FAR = 60
 #: The fewest episodes that are compared, and the fewest states that moves lead to.
 _COMPARED, _LASTING = 3, 3
 
@@ -38,6 +40,25 @@ def find_invisible(subject: Subject) -> Defect | None:
             {"states": states, "compared": len(held)},
         )
     return _find_paid_unseen(subject, moves) if _first_apart(held) == "paid" else None
+
+
+def find_strayed(subject: Subject) -> Defect | None:
+    """Find a move that leads out of the picture: no move after it is seen, though the states differ."""
+    if not shows_pictures(subject.observation_space):
+        return None
+    for move in simple_moves(subject)[1:]:
+        if not subject.searches.spares(2 * _FAR):
+            return None
+        path = [move] * _FAR
+        states = subject.searches.unseen_states(path, subject.episode_seed(0))
+        if states >= _LASTING:
+            return Defect(
+                f"after {_FAR} times {move} all moves have the same pictures as doing nothing, though they lead to "
+                f"{states} states of the game: what they control has left the picture",
+                Rollout(subject.episode_seed(0), path, player=f"holding {move}"),
+                {"states": states, "steps": _FAR},
+            )
+    return None
 
 
 def _find_paid_unseen(subject: Subject, moves: list[Any]) -> Defect | None:

@@ -222,9 +222,20 @@ def react(tree: Tree) -> None:
     moves differ from doing nothing in one component, the
     one with the most values. If most of these branches end early, shorter ones are tried.
     """
+    tree.out.states, _ = _hidden(tree)
+
+
+def vanish(tree: Tree) -> None:
+    """The same as :func:`react`, but `states` is 0 if some move does not look like doing nothing."""
+    states, seen = _hidden(tree)
+    tree.out.states = 0 if seen else states
+
+
+def _hidden(tree: Tree) -> tuple[int, bool]:
+    """The number of states that look like doing nothing, 0 if unknown, and whether some move looks different."""
     node = tree.root()
     if not all(tree.step(node, action) for action in tree.path):
-        return
+        return 0, False
     moves = _moves(tree.actions)
     for held, rested in _BRANCHES:
         rest = [moves[0]] * rested
@@ -232,11 +243,11 @@ def react(tree: Tree) -> None:
         if 2 * len(whole) > len(moves):
             break
     if not whole:
-        return
+        return 0, False
     still, (pictures, unmoved) = whole[0]
     # Where two branches that did the same differ, a difference says nothing.
     if _branch(tree, node, [still] * held + rest) != (pictures, unmoved):
-        return
+        return 0, False
     moved = [(move, state) for move, (seen, state) in whole if seen == pictures and state != unmoved]
 
     def kept(move: Any, state: str) -> bool:
@@ -247,7 +258,7 @@ def react(tree: Tree) -> None:
 
     states = 1 + len({state for move, state in moved if not kept(move, state)})
     # A branch that the budget cut short says nothing.
-    tree.out.states = 0 if tree.spent() else states
+    return 0 if tree.spent() else states, any(seen != pictures for _, (seen, _) in whole)
 
 
 def rock(tree: Tree) -> None:
@@ -305,6 +316,7 @@ _SEARCHES: dict[str, Callable[[Tree], None]] = {
     "sweep": sweep,
     "sweep_last": sweep_last,
     "react": react,
+    "vanish": vanish,
     "rock": rock,
     "horizon": horizon,
 }
