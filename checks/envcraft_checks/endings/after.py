@@ -93,7 +93,7 @@ def _owed(subject: Subject, traces: list[Trace], ended: Trace) -> int:
 
 
 def _owes(trace: Trace) -> bool:
-    """Whether the first call after an episode pays what neither its last step nor the second call pays."""
+    """Whether the first call after an episode pays more than its last step, and the second call does not pay it."""
     paid = [reward for reward, _, _ in trace.after]
     over = trace.usable and trace.ended and trace.terminated[-1]
-    return over and len(paid) > 1 and paid[0] not in (trace.rewards[-1], paid[1])
+    return over and len(paid) > 1 and abs(paid[0]) > abs(trace.rewards[-1]) and paid[0] != paid[1]

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from envcraft.judging.actions import random_actions, sticky_actions
 from envcraft.model.rollout import Rollout
 
 from .traces import Defect
@@ -15,6 +14,8 @@ if TYPE_CHECKING:
 
 #: The steps in which no action has an effect: a stun or an animation is shorter.
 _DEAD = 150
+#: One step in so many acts.
+_RARE = 8
 #: The steps of an episode of which the last ones are compared.
 _SEEN = 600
 
@@ -50,18 +51,24 @@ def find_unresponsive(subject: Subject, traces: list[Trace]) -> Defect | None:
 
 
 def find_dead(subject: Subject) -> Defect | None:
-    """Find random play in which other actions lead to the same observations and rewards from some step on, under a
-    contract with a limit.
+    """Find play in which other actions lead to the same observations and rewards from some step on, under a contract
+    with a limit.
+
+    One episode acts at each step, and one now and then: what is used up by acting lasts in it.
     """
+    # Slow to import, and commands that list the rules must start fast.
+    from envcraft.judging.actions import random_actions, sticky_actions
+
     first = subject.episodes.whole[0]
     steps = min(first.steps, _SEEN)
     if subject.contract.limit is None or first.terminated[-1:] == [True] or steps < 2 * _DEAD:
         return None
     start = steps - _DEAD
+    rare = Rollout(subject.episode_seed(1), _rarely(subject, steps), player=f"an action in {_RARE} steps")
     for number, order in enumerate((random_actions, sticky_actions)):
         if not subject.searches.spares(steps * (1 + number)):
             return None
-        trace = subject.rollout(subject.probes.random(number, steps)) if number else first
+        trace = subject.rollout(rare) if number else first
         if trace.steps < steps or len(set(trace.rewards[start:steps])) > 1:
             return None
         others = order(subject.action_space, trace.rollout.seed + 1, _DEAD)
@@ -71,10 +78,20 @@ def find_dead(subject: Subject) -> Defect | None:
         if not same or other.observations != trace.observations[: steps + 1] or other.rewards != trace.rewards[:steps]:
             return None
     return Defect(
-        f"in two episodes of random play, other actions change nothing in the {_DEAD} steps after step {start}",
+        f"in an episode of random play and one with an action in {_RARE} steps, other actions change nothing in the"
+        f" {_DEAD} steps after step {start}",
         first.rollout.cut(steps),
         {"step": start, "steps": _DEAD},
     )
+
+
+def _rarely(subject: Subject, steps: int) -> list[Any]:
+    """Random actions, between which nothing is done."""
+    from envcraft.judging.actions import random_actions
+
+    drawn = random_actions(subject.action_space, subject.episode_seed(1), steps)
+    still = subject.joint_actions[0]
+    return [still if step % _RARE else action for step, action in enumerate(drawn)]
 
 
 def _seen_apart(one: Trace, two: Trace) -> bool:

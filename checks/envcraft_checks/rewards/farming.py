@@ -103,7 +103,9 @@ def _cycle(subject: Subject, traces: list[Trace]) -> Farmed | None:
 def _held(subject: Subject) -> Iterator[tuple[int, list[Any], int]]:
     """Held actions that pay at each of many steps, as loops of one action."""
     for trace in subject.held():
-        if trace.usable and trace.steps >= _STEADY and min(trace.rewards[-_STEADY:]) > 0:
+        # Without success, as in a bandit, the best action is to be held.
+        known = trace.usable and trace.reported_success is not None
+        if known and trace.steps >= _STEADY and min(trace.rewards[-_STEADY:]) > 0:
             yield 0, trace.actions[:_STEADY], 1
 
 
