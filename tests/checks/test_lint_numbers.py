@@ -134,3 +134,22 @@ def test_a_number_that_the_next_statement_clips(moved: str) -> None:
     step = f"{moved}\nself.w = min(max(self.w, 0), 9)\nif action[1] and self.w < {{}}: self.y += 1"
     assert pressed(step.format(2), reset="self.w = 5", go="pass") == {}
     assert pressed(step.format(0), reset="self.w = 5", go="pass") == {"EC059": True}
+
+
+@pytest.mark.parametrize(
+    ("test", "expected"),
+    [
+        ("self.w + 4 >= 20", {"EC059": True}),
+        ("20 <= self.w + 4", {"EC059": True}),
+        ("self.w - 4 >= 6", {"EC059": True}),
+        ("self.w + 11 >= 20", {}),
+        ("self.w + self.y >= 20", {}),
+    ],
+)
+def test_a_number_that_is_clipped_after_a_choice_of_moves(test: str, expected: dict[str, bool]) -> None:
+    step = f"""if action[0] == 3: self.w -= 2
+elif action[0] == 4: self.w += 2
+self.w = float(np.clip(self.w, 0, 9))
+won = {test}
+reward += float(won)"""
+    assert pressed(step, reset="self.w = 5.0", go="pass") == expected

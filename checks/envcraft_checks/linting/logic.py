@@ -32,7 +32,7 @@ def contradictions(program: Program) -> Iterator[Suspect]:
                     (node.left, node.comparators[0], type(node.ops[0])),
                     (node.comparators[0], node.left, _MIRRORED.get(type(node.ops[0]))),
                 ):
-                    field, limit = function.field(field_side), ranges.constant(other, function)
+                    field, limit = _compared(ranges, field_side, other, function)
                     if difflib.get_close_matches(field, misspelt):
                         # A change under another spelling raises, so how far the field would go is not known.
                         continue
@@ -41,9 +41,20 @@ def contradictions(program: Program) -> Iterator[Suspect]:
                         if _never(kind, low, high, limit):
                             below = kind in (ast.Gt, ast.GtE) or high < limit
                             bound = f"is never above {high:g}" if below else f"is never below {low:g}"
-                            words = f"tests {ast.unparse(node)}, but {ast.unparse(field_side)} {bound}"
-                            yield Suspect(line(node), words)
+                            name = f"self.{field}" if field else ast.unparse(field_side)
+                            yield Suspect(line(node), f"tests {ast.unparse(node)}, but {name} {bound}")
     yield from _never_set(program)
+
+
+def _compared(ranges: Ranges, side: ast.expr, other: ast.expr, function: Function) -> tuple[str, float | None]:
+    """The attribute on one side of a comparison, and the number that it is compared with."""
+    field, limit = function.field(side), ranges.constant(other, function)
+    match side:
+        case ast.BinOp(left=left, op=ast.Add() | ast.Sub() as op, right=right) if function.field(left):
+            moved = ranges.constant(right, function)
+            if moved is not None and limit is not None:
+                return function.field(left), limit - moved if isinstance(op, ast.Add) else limit + moved
+    return field, limit
 
 
 def _never_given(program: Program) -> set[str]:

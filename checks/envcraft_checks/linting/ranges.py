@@ -200,9 +200,15 @@ class Ranges:
         return low + step, high + step
 
     def _settled(self, statement: ast.AST, field: str, method: Function) -> bool:
-        """Whether the next statement clips what this statement assigns."""
-        block = self.program.block(statement)
-        match block[block.index(statement) + 1 :] if isinstance(statement, ast.stmt) and block else []:
+        """Whether the next statement, or the next one after a choice of branches, clips what this one assigns."""
+        following: list[ast.stmt] = []
+        while isinstance(statement, ast.stmt) and not following:
+            block = self.program.block(statement)
+            following = block[block.index(statement) + 1 :] if block else []
+            statement = self.program.parents[statement]
+            if not isinstance(statement, ast.If):
+                break
+        match following:
             case [ast.Assign(targets=[target], value=value), *_] if method.field(target) == field:
                 return max(map(abs, self.range(value, method))) < math.inf
         return False
