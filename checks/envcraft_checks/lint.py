@@ -311,7 +311,7 @@ class Lint(Check):
         Rule(
             "EC070",
             "picture-transposed",
-            "The observation has the axes of a pygame surface: x first, then y.",
+            "The picture has the axes of a pygame surface: x first, then y.",
             "Return `np.transpose(pygame.surfarray.array3d(surface), (1, 0, 2))`.",
         ),
         Rule(

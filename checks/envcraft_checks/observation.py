@@ -22,7 +22,7 @@ decide whether the observation is constant, unresponsive or without the agent.
 
 Under a contract with a limit, actions must not lose their effect. In the first random episode, other actions are played
 for the last 150 of at most 600 steps. If they lead to the same pictures and rewards, the same is done in an episode
-that acts at one step in eight, in which fuel lasts. It is an error if they do so in both.
+that acts at one step in 32, in which fuel lasts. It is an error if they do so in both.
 
 The contrast is too low if no channel of any picture spans more than eight of 255 levels. A dark game usually has a
 bright pixel in some picture. Small pictures may contain codes instead of colours, and so may grey pictures that no

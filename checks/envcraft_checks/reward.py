@@ -20,7 +20,8 @@ seed within half of the longest episode. It is an error if the loop earns twice 
 played, else a warning. If other seeds have a success and this one has none, the check reports nothing. If no play
 succeeds at all, the reward of the loop may be the goal. The check then warns of a loop that leads back to the same
 state of the game, in which only time has passed, and that earns clearly more in the longest episode than other play. It
-is an error if the loop earns twice as much as all other play, and info reports no success up to the end.
+is an error if the loop earns twice as much as all other play, and more than any number that the code adds to the
+reward, and info reports no success up to the end.
 
 A failure is an episode of one held action, or a loss that pays more than the step that wins. Failing pays more if a
 failure earns clearly more than the step that wins and than every success on its seed that takes at most half as long,

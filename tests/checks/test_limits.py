@@ -31,6 +31,7 @@ class Game(gym.Env):
 """
 
 LIMIT = "self.steps >= MAX_STEPS"
+ON = "\n            return 0, 0.0, False, False, {}"
 
 
 def program(
@@ -55,6 +56,8 @@ def program(
         {"count": "if action: self.steps += 1"},
         {"first": "if action == 2: return 0, 0.0, False, False, {}"},
         {"first": "paused = action == 2\n        if paused: return 0, 0.0, False, False, {}"},
+        {"first": f"if self.talks:\n            if action: self.talks = False{ON}"},
+        {"truncated": "self.steps == MAX_STEPS", "event": f"if self.fuel > 0:\n            self.fuel -= 1{ON}"},
         {"truncated": "self.steps == MAX_STEPS", "event": "if action == 3: self.steps += 500"},
         {"truncated": "self.steps == MAX_STEPS", "count": "self.steps += 1 + int(action)"},
     ],
@@ -83,6 +86,11 @@ def test_a_limit_that_play_can_evade(parts: dict[str, str]) -> None:
         # The episode ends where the count starts again.
         {"event": "if won: self.steps = 0"},
         {"event": "if self.level == 4: lost = True; self.steps = 0"},
+        # A state that ends by itself.
+        {"first": f"if self.stun:\n            self.stun -= 1{ON}"},
+        {"first": f"if self.talks:\n            if action or self.fuel > 60: self.talks = False{ON}"},
+        {"first": f"if self.talks:\n            self.enter(){ON}", "enter": "self.talks = False"},
+        {"truncated": "self.steps == MAX_STEPS", "event": f"if self.steps <= 10:{ON}"},
         # A pause that ends by itself, which the action does not hold.
         {"first": "if self.fuel > 0: return 0, 0.0, False, False, {}"},
         {"truncated": "self.steps >= MAX_STEPS", "event": "if action == 3: self.steps += 500"},

@@ -81,3 +81,13 @@ def test_a_table_of_the_class(kept: str, expected: set[str]) -> None:
             self.charts[goal] = {kept}[0] * goal
         return self.charts[goal]"""
     assert codes(reset=START, see="return np.full(4, self.chart(self.start))", more=more) == expected
+
+
+def test_a_table_that_an_exception_fills() -> None:
+    more = """charts = {}
+    def chart(self, goal):
+        try: return self.charts[goal]
+        except KeyError:
+            self.charts[goal] = goal * 2
+            return self.charts[goal]"""
+    assert codes(reset=START, see="return np.full(4, self.chart(self.start))", more=more) == set()

@@ -69,15 +69,20 @@ def test_a_border_that_is_tested(step: str, parts: dict[str, str]) -> None:
     assert pressed(step, **parts) == {}
 
 
+HIT = "self.streak += 1\nif action[2]: self.streak = 0"
+
+
 @pytest.mark.parametrize(
     ("step", "certain"),
     [
-        ("self.streak += 1\nreward += 0.1 * 2 ** (self.streak // 3)", False),
-        ("self.streak += 1\nreward += 1.1**self.streak", False),
-        ("self.streak += 1\nbonus = 1.5**self.streak\nreward = bonus if action[1] else 0.0", True),
-        ("self.streak += 1\nreward += self._go(1)", True),
-        ("self.streak += 1\nreward += np.power(2.0, self.streak)", True),
-        ("self.streak = self.streak + 1 if action[1] else 0\nreward += 2**self.streak", True),
+        (f"{HIT}\nreward += 0.1 * 2 ** (self.streak // 3)", False),
+        (f"{HIT}\nreward += 2 ** (0.1 * self.streak)", False),
+        (f"{HIT}\nreward += 1.1**self.streak", False),
+        ("self.streak += 1\nreward += 2**self.streak", False),
+        (f"{HIT}\nbonus = 1.5**self.streak\nreward = bonus if action[1] else 0.0", True),
+        (f"{HIT}\nreward += self._go(1)", True),
+        (f"{HIT}\nreward += np.power(2.0, self.streak)", True),
+        ("self.streak = 1 + self.streak if action[1] else 0\nreward += 2**self.streak", True),
     ],
 )
 def test_a_reward_that_doubles_without_end(step: str, certain: bool) -> None:
@@ -95,6 +100,8 @@ def test_a_reward_that_doubles_without_end(step: str, certain: bool) -> None:
         "self.streak += 1\nreward += 2 ** (3 - self.streak)",
         "self.streak += 1\nself.x = 2**self.streak\nreward += self.see()",
         "self.streak += 1\nreward += 2 ** min(self.streak, 4)",
+        "self.streak += 1\nself.streak %= 4\nreward += 2**self.streak",
+        "if self.lamps:\n    self.lamps.pop()\n    self.streak += 1\n    reward += 2**self.streak",
     ],
 )
 def test_a_reward_with_a_limit(step: str) -> None:

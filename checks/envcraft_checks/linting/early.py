@@ -73,7 +73,10 @@ class _Order:
         return not flags.isdisjoint(self._names(value))
 
     def is_event(self, value: ast.expr, end: ast.Return) -> bool:
-        """Whether step() changes what the end depends on where a value is true, such as a won bid that costs money."""
+        """Whether a value stands for an event of the game: where it is true, step() changes what the end depends on.
+
+        A bid that is won costs money, for example, and the game ends without money.
+        """
         assert isinstance(end.value, ast.Tuple)
         flags = end.value.elts[_FLAGS - 3 : _FLAGS - 1]
         deciding = {

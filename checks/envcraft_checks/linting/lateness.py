@@ -13,35 +13,42 @@ from .dependence import guards
 from .limits import time_limit
 from .program import Function, Program, Suspect, line, name_of
 from .reported import reported
+from .unpaid import plain
 
 
 def late_successes(program: Program) -> Iterator[Suspect]:
-    """Find a prize for success that depends on the step, and that is negative before the step limit."""
+    """Find a prize for success that depends on the step, and that is negative at the last step before the limit."""
     step = program.method(program.env, "step")
     values = reported(program, step) if step is not None else None
     counted = time_limit(program)
     if step is None or not values or counted is None:
         return
     counter, limit = counted
-    told = {ast.unparse(part) for each in values for part in ast.walk(each.value) if isinstance(part, ast.expr)}
-    told -= {step.me, "bool", "float", "int", "True", "False"}
+    told = {ast.unparse(plain(each.value)) for each in values}
     try:
         writes = RewardLines(program).writes(deep=False)
     except Unknown:
         return
     prizes = [write for write in writes if _is_prize(program, write, told)]
+    if any(ast.unparse(plain(_tests(program, write)[0][0])) not in told for write in prizes):
+        # Where success holds, another test decides.
+        return
     soon, late = (_total(program, prizes, counter, number) for number in (1.0, limit - 1))
     if soon is not None and late is not None and late < 0 and late < soon:
         falling, _ = next(_returned(program, write) for write in prizes if write.amount is None)
-        yield Suspect(
-            line(falling), f"pays {late:g} for success at step {limit - 1:,.0f}, and {soon:g} at the first step"
-        )
+        words = f"pays {late:g} for success at step {limit - 1:,.0f}, and {soon:g} at the first step"
+        # Another end may come before, or cost more.
+        yield Suspect(line(falling), words, certain=False)
 
 
 def _is_prize(program: Program, write: Write, told: set[str]) -> bool:
-    """Whether a place adds to the reward only where success holds."""
-    tests = [test for test, holds in guards(program, write.statement, write.scope.function) if holds]
-    return any(ast.unparse(test) in told for test in tests)
+    """Whether a place adds to the reward where success holds."""
+    return any(ast.unparse(plain(test)) in told and holds for test, holds in _tests(program, write))
+
+
+def _tests(program: Program, write: Write) -> list[tuple[ast.expr, bool]]:
+    """The tests around a place, innermost first, and whether they hold there."""
+    return list(guards(program, write.statement, write.scope.function))
 
 
 def _total(program: Program, prizes: list[Write], counter: str, number: float) -> float | None:
@@ -81,6 +88,7 @@ class _AtStep(ast.NodeTransformer):
         self._function = function
         self._counter = counter
         self._number = number
+        self._followed: set[str] = set()
         self.found = False
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
@@ -90,6 +98,11 @@ class _AtStep(ast.NodeTransformer):
         return ast.Constant(self._number)
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
+        changed = {name_of(target) for target, _ in self._function.writes} | set(self._function.parameters)
         bound = [value for target, value, _ in self._function.bindings if name_of(target) == node.id != ""]
-        once = len(bound) == 1 and bound[0] is not None and node.id not in map(name_of, ast.walk(bound[0]))
-        return self.visit(copy.deepcopy(bound[0])) if once and bound[0] is not None else node
+        # A name is followed once, and then stays as it is.
+        if node.id in changed | self._followed or len(bound) != 1 or bound[0] is None:
+            return node
+        self._followed.add(node.id)
+        followed: ast.expr = self.visit(copy.deepcopy(bound[0]))
+        return followed

@@ -356,15 +356,29 @@ def _stays(program: Program, step: Function, end: ast.Return, test: ast.expr, de
     field = step.field(test)
     if not field or _OVER.search(field):
         return False
-    branch = program.block(end)
-    inside = [node for statement in branch for node in ast.walk(statement)]
-    changes = [node for target, _, node in step.bindings if step.field(target) == field and node in inside]
-    called = [one for node in inside if isinstance(node, ast.Call) and (one := program.called(node, step))]
-    hidden = any(one.field(target) == field for one in called for target, _, _ in one.bindings)
+    inside = [node for statement in program.block(end) for node in ast.walk(statement)]
+    written = [*((target, node) for target, _, node in step.bindings), *step.writes]
+    changes = [node for target, node in written if step.field(target) == field and node in inside]
     chosen = all(
-        any(_names(each) & decided for each in _conditions(program, node, step) if each in inside) for node in changes
+        any(_names(each) <= decided for each in _conditions(program, node, step) if each in inside) for node in changes
     )
-    return chosen and not hidden
+    return chosen and not _changed_by_calls(program, inside, step, field)
+
+
+def _changed_by_calls(program: Program, nodes: list[ast.AST], function: Function, field: str) -> bool:
+    """Whether a function that some nodes call, or one that it calls, changes an attribute."""
+    waiting = [(node, function) for node in nodes]
+    seen: set[Function] = set()
+    while waiting:
+        node, caller = waiting.pop()
+        called = program.called(node, caller) if isinstance(node, ast.Call) else None
+        if called is not None and called not in seen:
+            seen.add(called)
+            written = [*(target for target, _, _ in called.bindings), *(target for target, _ in called.writes)]
+            if any(called.field(target) == field for target in written):
+                return True
+            waiting += [(one, called) for one in called.nodes]
+    return False
 
 
 def _decided(program: Program, step: Function, play: list[Function]) -> set[str]:
@@ -403,10 +417,11 @@ def _passed(program: Program, step: Function, play: list[Function], name: str) -
         if isinstance(node, ast.Compare) and isinstance(node.ops[0], ast.Eq) and name_of(node.left) == name
     ]
     for node in _goes_on(step):
-        over = any(_OVER.search(ast.unparse(test)) for test in _conditions(program, node, step))
+        conditions = [ast.unparse(test) for test in _conditions(program, node, step)]
+        over = any(_OVER.search(test) or re.search(rf"\b{name}\b", test) for test in conditions)
         if len(counts) == 1 and len(tests) == 1 and line(counts[0]) < line(node) < line(tests[0]) and not over:
             words = (
-                f"returns before line {line(tests[0])} tests {ast.unparse(tests[0])[:40]}, which only one step can meet"
+                f"may return at the step of the limit, before line {line(tests[0])} tests {ast.unparse(tests[0])[:40]}"
             )
             yield Suspect(line(node), words)
             return

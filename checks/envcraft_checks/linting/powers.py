@@ -36,8 +36,47 @@ def powers(program: Program) -> Iterator[Suspect]:
             counter = _counter(program, exponent, function)
             if counter and _is_free(program, counter) and _is_paid(program, function, node):
                 words = f"pays {ast.unparse(node)[:40]} as a reward, and nothing limits self.{counter}"
-                slow = any(isinstance(one, ast.Div | ast.FloorDiv) for one in ast.walk(exponent))
-                yield Suspect(line(node), words, certain=(shifts or number >= _FAST) and not slow)
+                certain = (shifts or number >= _FAST) and not _slows(exponent) and _starts_again(program, counter)
+                yield Suspect(line(node), words, certain)
+
+
+def _slows(exponent: ast.expr) -> bool:
+    """Whether an exponent is a fraction of a counter."""
+    return any(
+        isinstance(one, ast.Div | ast.FloorDiv)
+        or (isinstance(one, ast.Constant) and isinstance(one.value, float) and abs(one.value) < 1)
+        for one in ast.walk(exponent)
+    )
+
+
+def _starts_again(program: Program, field: str) -> bool:
+    """Whether play sets an attribute to zero, as it does with a streak that is broken."""
+    return any(
+        isinstance(part, ast.Constant) and part.value == 0
+        for one in program.reached("step")
+        for target, value, _ in one.bindings
+        if value is not None and one.field(target) == field
+        for part in _branches(value)
+    )
+
+
+def _runs_out(program: Program, block: list[ast.stmt], function: Function) -> bool:
+    """Whether some statements take an item out of a list that play never fills."""
+    taken = {
+        function.field(call.func.value)
+        for statement in block
+        for call in ast.walk(statement)
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Attribute) and call.func.attr in ("pop", "remove")
+    } - {""}
+    filled = {
+        one.field(target)
+        for one in program.reached("step")
+        for target in [
+            *(target for target, _, _ in one.bindings),
+            *(target for target, node in one.writes if name_of(node) in ("append", "extend", "insert")),
+        ]
+    }
+    return bool(taken - filled)
 
 
 def _counter(program: Program, node: ast.expr, function: Function, depth: int = _DEPTH) -> str:
@@ -68,7 +107,9 @@ def _is_free(program: Program, field: str) -> bool:
     for method in program.methods(program.env):
         for node in method.nodes:
             match node:
-                case ast.AugAssign(target=target, op=ast.Add()) if method.field(target) == field:
+                case ast.AugAssign(target=target, op=op) if method.field(target) == field:
+                    if not isinstance(op, ast.Add) or _runs_out(program, program.block(node), method):
+                        return False
                     grows = True
                 case ast.Assign(targets=targets, value=value) if field in map(method.field, targets):
                     added = [one for one in _branches(value) if _is_added(one, field, method)]
@@ -92,8 +133,11 @@ def _branches(value: ast.expr) -> list[ast.expr]:
 def _is_added(value: ast.expr, field: str, method: Function) -> bool:
     """Whether an expression is an attribute and a number."""
     match value:
-        case ast.BinOp(left=left, op=ast.Add(), right=ast.Constant()):
-            return method.field(left) == field
+        case (
+            ast.BinOp(left=one, op=ast.Add(), right=ast.Constant())
+            | ast.BinOp(left=ast.Constant(), op=ast.Add(), right=one)
+        ):
+            return method.field(one) == field
     return False
 
 

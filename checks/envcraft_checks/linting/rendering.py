@@ -34,14 +34,16 @@ def drawn_numbers(program: Program) -> Iterator[Suspect]:
     # A picture before the first episode may call reset().
     if not any(map(_draws, stepping)) or any(function.name == "reset" for function in drawing):
         return
+    # What drawing sets and tests is drawn once, or once a step.
+    kept = {function.field(target) for function in drawing for target, _, _ in function.bindings} - {""}
+    tests = [node.test for function in drawing for node in function.nodes if isinstance(node, ast.If | ast.IfExp)]
+    if any(isinstance(part, ast.Attribute) and part.attr in kept for test in tests for part in ast.walk(test)):
+        return
     for function in drawing:
         texts = {node.attr for node in function.nodes if isinstance(node, ast.Attribute)}
         for node in _draws(function) if "bit_generator" not in texts else ():
-            # What is drawn once may be drawn at the reset.
-            once = any(isinstance(each, ast.If) and _asks_for_none(each) for each in program.around(node, function))
-            if not once:
-                words = f"draws from self.np_random while it draws the picture: {ast.unparse(node)[:60]}"
-                yield Suspect(line(node), words)
+            words = f"draws from self.np_random while it draws the picture: {ast.unparse(node)[:60]}"
+            yield Suspect(line(node), words)
 
 
 def _draws(function: Function) -> list[ast.Call]:
@@ -58,16 +60,6 @@ def _draws(function: Function) -> list[ast.Call]:
         and isinstance(node.func, ast.Attribute)
         and (function.field(node.func.value) == "np_random" or name_of(node.func.value) in names)
     ]
-
-
-def _asks_for_none(branch: ast.If) -> bool:
-    """Whether a branch runs only if something has no value yet."""
-    match branch.test:
-        case ast.Compare(ops=[ast.Is() | ast.Eq()], comparators=[ast.Constant(value=None)]):
-            return True
-        case ast.UnaryOp(op=ast.Not(), operand=ast.Call(func=ast.Name(id="hasattr"))) | ast.Compare(ops=[ast.NotIn()]):
-            return True
-    return False
 
 
 def _deciding(node: ast.If | ast.IfExp | ast.While | ast.Compare | ast.BinOp) -> Iterator[ast.AST]:

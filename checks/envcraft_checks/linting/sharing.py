@@ -199,7 +199,7 @@ def only_remembers(program: Program, function: Function, name: str, node: ast.AS
                     return not any(_adds_elsewhere(one, function) for one in ast.walk(each))
                 case ast.UnaryOp(op=ast.Not(), operand=operand) if name_of(operand) == name or _has(operand, name):
                     return True
-        if isinstance(node, ast.ExceptHandler):
+        if isinstance(each, ast.ExceptHandler):
             return True
     return False
 

@@ -22,7 +22,7 @@ def unpaid_successes(program: Program) -> Iterator[Suspect]:
     values = reported(program, step) if step is not None else None
     if step is None or not values:
         return
-    told = {ast.unparse(_plain(each.value)) for each in values}
+    told = {ast.unparse(plain(each.value)) for each in values}
     shown = told | alternatives(step, [each.value for each in values])
     try:
         writes = RewardLines(program).writes()
@@ -38,7 +38,7 @@ def unpaid_successes(program: Program) -> Iterator[Suspect]:
         parent = program.parents[write.value]
         if not write.is_zero or not isinstance(parent, ast.IfExp) or parent.body is not write.value:
             continue
-        if ast.unparse(_plain(parent.test)) not in told or _plays(program, parent.orelse, write.scope.function):
+        if ast.unparse(plain(parent.test)) not in told or _plays(program, parent.orelse, write.scope.function):
             continue
         paid = next((one for one in writes if _pays(one, program)), None)
         if paid is not None:
@@ -51,10 +51,10 @@ def _prizes(program: Program, write: Write, told: set[str]) -> Iterator[float]:
     known, unknown = [], False
     for term, way in summands(write.value):
         match term:
-            case ast.IfExp(test=test, body=body, orelse=orelse) if ast.unparse(_plain(test)) in told:
+            case ast.IfExp(test=test, body=body, orelse=orelse) if ast.unparse(plain(test)) in told:
                 one, other = constant(body, write.scope, program), constant(orelse, write.scope, program)
                 known.append(math.inf if one is None or other is None else write.sign * way * (one - other))
-            case ast.Call(func=ast.Name(id="float" | "int"), args=[inner]) if ast.unparse(_plain(inner)) in told:
+            case ast.Call(func=ast.Name(id="float" | "int"), args=[inner]) if ast.unparse(plain(inner)) in told:
                 known.append(float(write.sign * way))
             case _:
                 unknown |= _mentions(term, told)
@@ -63,7 +63,7 @@ def _prizes(program: Program, write: Write, told: set[str]) -> Iterator[float]:
     beside = program.block(write.statement) if program.parents[write.statement] is not function.node else []
     if known:
         yield from known
-    elif any(ast.unparse(_plain(part)) in told for part in tests) or any(_succeeds(each, told) for each in beside):
+    elif any(ast.unparse(plain(part)) in told for part in tests) or any(_succeeds(each, told) for each in beside):
         yield math.inf if write.amount is None else write.amount
     elif unknown or any(_mentions(part, told) for part in tests):
         yield math.inf
@@ -91,7 +91,8 @@ def _succeeds(statement: ast.stmt, told: set[str]) -> bool:
     return any(ast.unparse(target) in told for target in targets)
 
 
-def _plain(node: ast.expr) -> ast.expr:
+def plain(node: ast.expr) -> ast.expr:
+    """An expression without the calls of bool() around it."""
     while isinstance(node, ast.Call) and name_of(node) in ("bool", "bool_") and len(node.args) == 1:
         node = node.args[0]
     return node

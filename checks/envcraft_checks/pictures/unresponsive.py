@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 #: The steps in which no action has an effect: a stun or an animation is shorter.
 _DEAD = 150
 #: One step in so many acts.
-_RARE = 8
+_RARE = 32
 #: The steps of an episode of which the last ones are compared.
 _SEEN = 600
 

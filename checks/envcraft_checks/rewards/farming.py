@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from envcraft.text import plural
+from envcraft_checks.linting.program import program_of
+from envcraft_checks.rewards.lines import RewardLines, Unknown
 
 from .cycles import TIMES, leads_back
 from .successes import best_soon, clearly_more, successes
@@ -85,7 +88,8 @@ def _cycle(subject: Subject, traces: list[Trace]) -> Farmed | None:
         if trace is None:
             continue
         first = len(actions) - size
-        most = max((each.total for each in traces if set(map(str, each.actions)) != {str(actions[-1])}), default=0.0)
+        others = [each for each in traces if size > 1 or set(map(str, each.actions)) != {str(actions[-1])}]
+        most = max((each.total for each in others), default=0.0)
         least = min(sum(trace.rewards[at : at + size]) for at in range(first, trace.steps, size))
         earned = trace.total + least * max(longest - trace.steps, 0) / size
         if least > 0 and earned >= clearly_more(most):
@@ -94,7 +98,8 @@ def _cycle(subject: Subject, traces: list[Trace]) -> Farmed | None:
                 f"repeating {_in_words(actions[-size:])} pays at least {least:g} each time, {TIMES} times in a "
                 f"row, and leads back to the same state; this earns {earned:g} in {plural(longest, 'step')}, while "
                 f"no episode succeeds or earns more than {most:g}",
-                earned >= _FAR * max(most, 0) and _leads_nowhere(subject, number, actions, size, longest),
+                earned >= max(_FAR * max(most, 0), _largest(subject))
+                and _leads_nowhere(subject, number, actions, size, longest),
                 {"loop": actions[-size:], "gain": least, "earned": earned, "most": most},
             )
     return None
@@ -102,11 +107,23 @@ def _cycle(subject: Subject, traces: list[Trace]) -> Farmed | None:
 
 def _held(subject: Subject) -> Iterator[tuple[int, list[Any], int]]:
     """Held actions that pay at each of many steps, as loops of one action."""
+    rewards = [reward for trace in subject.episodes.whole for reward in trace.rewards]
+    idle, _ = Counter(rewards).most_common(1)[0]
     for trace in subject.held():
         # Without success, as in a bandit, the best action is to be held.
         known = trace.usable and trace.reported_success is not None
-        if known and trace.steps >= _STEADY and min(trace.rewards[-_STEADY:]) > 0:
+        if known and trace.steps >= _STEADY and min(trace.rewards[-_STEADY:]) > max(idle, 0):
             yield 0, trace.actions[:_STEADY], 1
+
+
+def _largest(subject: Subject) -> float:
+    """The largest number that the code adds to the reward, such as that of a success that no play has reached."""
+    program = program_of(subject)
+    try:
+        writes = RewardLines(program).writes() if program is not None else []
+    except Unknown:
+        return 0.0
+    return max((write.sign * write.amount for write in writes if write.amount is not None), default=0.0)
 
 
 def _leads_nowhere(subject: Subject, number: int, actions: list[Any], size: int, longest: int) -> bool:
