@@ -20,9 +20,9 @@ to different states. These steps are enough for a light that is off for a while 
 If step() fails whenever some action is taken, nothing is known of the observations after it. Then the check does not
 decide whether the observation is constant, unresponsive or without the agent.
 
-Under a contract with a limit, actions must not lose their effect. In the first random episode, other actions are played
-for the last 150 of at most 600 steps. If they lead to the same pictures and rewards, the same is done in an episode
-that acts at one step in 32, in which fuel lasts. It is an error if they do so in both.
+From the budget `standard` on and under a contract with a limit, actions must not lose their effect. In the first random
+episode, other actions are played for the last 150 of at most 600 steps. If they lead to the same pictures and rewards,
+the same is done in an episode that acts at one step in 32, in which fuel lasts. It is an error if they do so in both.
 
 The contrast is too low if no channel of any picture spans more than eight of 255 levels. A dark game usually has a
 bright pixel in some picture. Small pictures may contain codes instead of colours, and so may grey pictures that no
@@ -33,8 +33,8 @@ flags do. And moves lead to at least three different states of the game that las
 the first moves, to at least three different results; two results are a warning. A move may become visible late, or
 matter only while its button is pressed.
 
-An agent has left the picture if, after one move that is held for 60 steps, all moves have the same pictures as doing
-nothing, and lead to at least three different states.
+From the budget `standard` on, an agent has left the picture if, after one move that is held for 60 steps, all moves
+have the same pictures as doing nothing, and lead to at least three different states.
 
 A picture is late (a warning) if in each of at least three states all moves lead to the same next picture, and to
 different ones a step later, although rewards or ends differ at once. Then an agent sees what an action does one step
@@ -233,11 +233,14 @@ def _defects(subject: Subject, traces: list[Trace]) -> Iterator[tuple[str, Defec
     yield "EC405", find_faint(subject)
     yield "EC402", find_noise(subject)
     yield "EC403", find_unresponsive(subject, traces)
-    yield "EC407", find_invisible(subject) or find_strayed(subject)
+    yield "EC407", find_invisible(subject)
     yield "EC401", find_frozen(subject, traces)
     yield "EC409", find_late(subject)
     yield "EC408", find_twins(subject)
-    yield "EC410", find_dead(subject)
+    # At `quick` these would take a third of the steps.
+    if subject.budget.sweep:
+        yield "EC407", find_strayed(subject)
+        yield "EC410", find_dead(subject)
     yield "EC406", find_hidden(subject, traces) or find_unseen(subject, traces)
 
 
