@@ -237,8 +237,9 @@ def _defects(subject: Subject, traces: list[Trace]) -> Iterator[tuple[str, Defec
     yield "EC401", find_frozen(subject, traces)
     yield "EC409", find_late(subject)
     yield "EC408", find_twins(subject)
-    # At `quick` these would take a third of the steps.
-    if subject.budget.sweep:
+    # Other rules need what is left of the budget, unless all episodes end early.
+    ended = all(trace.ended for trace in subject.episodes.whole)
+    if ended and subject.budget.sweep and subject.searches.spares(subject.budget.steps // 4):
         yield "EC407", find_strayed(subject)
         yield "EC410", find_dead(subject)
     yield "EC406", find_hidden(subject, traces) or find_unseen(subject, traces)
