@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 from .flow import Flow
 from .program import Program, Suspect, line, name_of
@@ -25,19 +25,17 @@ def transposed_pictures(program: Program) -> Iterator[Suspect]:
         for node in function.nodes:
             if isinstance(node, ast.Call) and program.path(node.func, function) in _PIXELS:
                 flow = Flow(program, functions, node)
-                if any(one.name == "render" for one in flow.results) or any(map(_observed(program), flow.uses())):
+                if any(one.name == "render" for one in flow.results) or any(
+                    _is_observation(program, use) for use in flow.uses()
+                ):
                     yield Suspect(line(node), f"returns pixels with x as the first axis: {ast.unparse(node)[:60]}")
 
 
-def _observed(program: Program) -> Callable[[ast.AST], bool]:
-    """Whether a node is the observation that step() or reset() returns."""
-
-    def first(node: ast.AST) -> bool:
-        whole = program.parents[node]
-        returned = isinstance(whole, ast.Tuple) and isinstance(program.parents[whole], ast.Return)
-        return returned and isinstance(whole, ast.Tuple) and whole.elts[0] is node
-
-    return first
+def _is_observation(program: Program, node: ast.AST) -> bool:
+    """Whether a node is the first of the values that step() or reset() returns."""
+    whole = program.parents[node]
+    returned = isinstance(whole, ast.Tuple) and isinstance(program.parents[whole], ast.Return)
+    return returned and isinstance(whole, ast.Tuple) and whole.elts[0] is node
 
 
 def _turns(program: Program, node: ast.Attribute | ast.Name) -> bool:
