@@ -13,7 +13,7 @@ from envcraft.judging.engine import Plan, validate
 from envcraft.judging.selection import driver_named
 from envcraft.model.events import Finished
 from envcraft.model.target import Target
-from envcraft.model.verdict import Finding, Severity
+from envcraft.model.verdict import Finding, Severity, Verdict
 from evaluation.fixtures import FIXTURES
 
 #: A skater with momentum, who is paid for crossing a line upwards.
@@ -27,7 +27,9 @@ def judged(source: str) -> list[Finding]:
     )
     *_, last = validate(plan)
     assert isinstance(last, Finished)
-    return [finding for check in last.report.reports[0].checks for finding in check.findings]
+    checks = last.report.reports[0].checks
+    assert not [check.reason for check in checks if check.verdict is Verdict.ERROR]
+    return [finding for check in checks for finding in check.findings]
 
 
 def test_two_moves_in_turn_pay_on_and_on() -> None:
@@ -35,6 +37,14 @@ def test_two_moves_in_turn_pay_on_and_on() -> None:
     assert (finding.code, finding.severity) == ("EC307", Severity.ERROR)
     assert finding.evidence["gain"] == pytest.approx(0.4)
     assert len(finding.evidence["loop"]) == 12
+
+
+def test_a_game_whose_first_step_raises_under_most_actions() -> None:
+    step = "    def step(self, action):\n"
+    assert step in SKATER
+    raises = f"{step}        if self.ticks == 0 and list(action) != [1, 0, 0]:\n            raise ValueError(action)\n"
+    paid = SKATER.replace(step, raises).replace(CROSSED, "0.1")
+    assert {finding.code for finding in judged(paid)} <= {"EC307"}
 
 
 @pytest.mark.parametrize(

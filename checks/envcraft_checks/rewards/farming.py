@@ -107,8 +107,9 @@ def _cycle(subject: Subject, traces: list[Trace]) -> Farmed | None:
 
 def _held(subject: Subject) -> Iterator[tuple[int, list[Any], int]]:
     """Held actions that pay at each of many steps, as loops of one action."""
-    rewards = [reward for trace in subject.episodes.whole for reward in trace.rewards]
-    idle, _ = Counter(rewards).most_common(1)[0]
+    rewards = Counter(reward for trace in subject.episodes.whole for reward in trace.rewards)
+    # None are known if the first step of these episodes raises.
+    idle = max(rewards, key=rewards.__getitem__, default=0.0)
     for trace in subject.held():
         # Without success, as in a bandit, the best action is to be held.
         known = trace.usable and trace.reported_success is not None
