@@ -159,7 +159,8 @@ def _named(check: Check, subject: Subject, traces: list[Trace]) -> Iterator[Find
         return
     steps, suspect = named
     last = [trace for trace in traces if trace.ended and trace.steps == steps]
-    if last and len({trace.rollout.seed for trace in last}) < 2 and subject.affords(steps):
+    if last and len({trace.rollout.seed for trace in last}) < 2:
+        # What the code says and one episode shows is worth one more than the budget has.
         last += [trace for trace in _others(subject, last[0]) if trace.ended and trace.steps == steps]
     # A game may punish who is too late, as a rule of its own.
     alike = all(_is_mistaken(trace) and trace.rewards[-1] >= min(trace.rewards[:-1]) for trace in last)

@@ -82,6 +82,9 @@ def _cycle(subject: Subject, traces: list[Trace]) -> Farmed | None:
     """A loop where no play succeeds: it pays on and on and leads back to the same state, and no other play earns as
     much.
     """
+    if not all(trace.usable for trace in subject.played()):
+        # What a crash ends could have earned more.
+        return None
     longest = max(trace.steps for trace in traces)
     for number, actions, size in [*subject.searches.loops, *_held(subject)]:
         trace = leads_back(subject, number, actions, size)
