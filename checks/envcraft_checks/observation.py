@@ -239,8 +239,9 @@ def _defects(subject: Subject, traces: list[Trace]) -> Iterator[tuple[str, Defec
     yield "EC408", find_twins(subject)
     # Other rules need what is left of the budget, unless all episodes end early.
     ended = all(trace.ended for trace in subject.episodes.whole)
-    if ended and subject.budget.sweep and subject.searches.spares(subject.budget.steps // 4):
-        yield "EC407", find_strayed(subject)
+    if ended and subject.searches.spares(subject.budget.steps // 4):
+        if subject.budget.sweep:
+            yield "EC407", find_strayed(subject)
         yield "EC410", find_dead(subject)
     yield "EC406", find_hidden(subject, traces) or find_unseen(subject, traces)
 
