@@ -31,6 +31,7 @@ class Game(gym.Env):
 """
 
 LIMIT = "self.steps >= MAX_STEPS"
+SHOP = "pass\n    def shop(self, leave):\n        if {}: self.shops = False"
 ON = "\n            return 0, 0.0, False, False, {}"
 
 
@@ -57,6 +58,7 @@ def program(
         {"first": "if action == 2: return 0, 0.0, False, False, {}"},
         {"first": "paused = action == 2\n        if paused: return 0, 0.0, False, False, {}"},
         {"first": f"if self.talks:\n            if action: self.talks = False{ON}"},
+        {"first": f"if self.shops:\n            self.shop(action){ON}", "enter": SHOP.format("leave")},
         {"truncated": "self.steps == MAX_STEPS", "event": f"if self.fuel > 0:\n            self.fuel -= 1{ON}"},
         {"truncated": "self.steps == MAX_STEPS", "event": "if action == 3: self.steps += 500"},
         {"truncated": "self.steps == MAX_STEPS", "count": "self.steps += 1 + int(action)"},
@@ -90,6 +92,8 @@ def test_a_limit_that_play_can_evade(parts: dict[str, str]) -> None:
         {"first": f"if self.stun:\n            self.stun -= 1{ON}"},
         {"first": f"if self.talks:\n            if action or self.fuel > 60: self.talks = False{ON}"},
         {"first": f"if self.talks:\n            self.enter(){ON}", "enter": "self.talks = False"},
+        {"first": f"if self.shops:\n            self.shop(action){ON}", "enter": SHOP.format("self.fuel")},
+        {"first": f"if self.shops:\n            self.shop(True){ON}", "enter": SHOP.format("leave")},
         {"truncated": "self.steps == MAX_STEPS", "event": f"if self.steps <= 10:{ON}"},
         # A pause that ends by itself, which the action does not hold.
         {"first": "if self.fuel > 0: return 0, 0.0, False, False, {}"},

@@ -7,7 +7,7 @@ from envcraft_checks.lint import Lint
 
 from envcraft.model.target import Target
 from envcraft.model.verdict import Severity
-from tests.checks.lint_games import GAME, pressed, subject_of
+from tests.checks.lint_games import GAME, codes, pressed, subject_of
 
 
 @pytest.mark.parametrize(
@@ -160,3 +160,39 @@ self.w = float(np.clip(self.w, 0, 9))
 won = {test}
 reward += float(won)"""
     assert pressed(step, reset="self.w = 5.0", go="pass") == expected
+
+
+FISH = "FISH = {'carp': (2, 'red'), 'pike': (3, 'blue')}"
+ROWS = "FISH = [[1, 'a'], [2, 'b']]"
+
+
+@pytest.mark.parametrize(
+    ("table", "added", "expected"),
+    [
+        (FISH, "self.FISH['pike'][0]", {"EC056"}),
+        (FISH, "self.FISH[self.kind][0]", {"EC056"}),
+        (ROWS, "self.FISH[action[0] % 2][0]", {"EC056"}),
+        (ROWS, "self.FISH[0][0]", set()),
+        (FISH, "self.FISH[self.kind][1:]", set()),
+        ("FISH = make()", "self.FISH[self.kind][0]", set()),
+    ],
+)
+def test_a_count_that_adds_numbers_of_a_table(table: str, added: str, expected: set[str]) -> None:
+    step = f"if action[1]: self.basket += {added}"
+    reset = "self.basket, self.kind = 0, 'carp'"
+    assert codes(reset=reset, step=step, ended="self.basket == 7", more=table) == expected
+
+
+@pytest.mark.parametrize(
+    ("shade", "expected"),
+    [
+        ("(40 + 24 * self.heat).astype(np.uint8)", {"EC069": True}),
+        ("(self.heat * 24).astype(np.uint8)", {"EC069": True}),
+        ("(40 + 19 * self.heat).astype(np.uint8)", {}),
+        ("np.clip(40 + 24 * self.heat, 0, 255).astype(np.uint8)", {}),
+        ("(40 + 24 * self.heat).astype(np.int64)", {}),
+    ],
+)
+def test_a_shade_that_wraps(shade: str, expected: dict[str, bool]) -> None:
+    step = f"self.heat += 1\nif (self.heat >= 12).any(): self.heat[:] = 0\nself.shown = {shade}"
+    assert pressed(step, reset="self.heat = np.zeros(4, dtype=np.int64)") == expected

@@ -6,7 +6,7 @@ import ast
 import re
 from collections.abc import Iterator
 
-from .program import Function, Program, Suspect, line, name_of
+from .program import Function, Program, Suspect, arguments, line, name_of
 
 _TRUNCATED, _RESULTS = 3, 5
 #: Words in names of what is so when an episode is over.
@@ -362,22 +362,31 @@ def _stays(program: Program, step: Function, end: ast.Return, test: ast.expr, de
     chosen = all(
         any(_names(each) <= decided for each in _conditions(program, node, step) if each in inside) for node in changes
     )
-    return chosen and not _changed_by_calls(program, inside, step, field)
+    return chosen and not _changed_by_calls(program, inside, step, field, decided)
 
 
-def _changed_by_calls(program: Program, nodes: list[ast.AST], function: Function, field: str) -> bool:
-    """Whether a function that some nodes call, or one that it calls, changes an attribute."""
-    waiting = [(node, function) for node in nodes]
+def _changed_by_calls(
+    program: Program, nodes: list[ast.AST], function: Function, field: str, decided: set[str]
+) -> bool:
+    """Whether a function that some nodes call, or one that it calls, changes an attribute, unless the action decides
+    it: by an argument that it gets, in a test.
+    """
+    waiting = [(node, function, decided) for node in nodes]
     seen: set[Function] = set()
     while waiting:
-        node, caller = waiting.pop()
+        node, caller, known = waiting.pop()
         called = program.called(node, caller) if isinstance(node, ast.Call) else None
-        if called is not None and called not in seen:
+        if called is not None and called not in seen and isinstance(node, ast.Call):
             seen.add(called)
-            written = [*(target for target, _, _ in called.bindings), *(target for target, _ in called.writes)]
-            if any(called.field(target) == field for target in written):
-                return True
-            waiting += [(one, called) for one in called.nodes]
+            given = {name for name, value in arguments(node, called) if set() < _names(value) <= known}
+            given -= {name_of(target) for target, _, _ in called.bindings}
+            written = [*((target, one) for target, _, one in called.bindings), *called.writes]
+            for target, one in written:
+                if called.field(target) == field and not any(
+                    set() < _names(test) <= given for test in _conditions(program, one, called)
+                ):
+                    return True
+            waiting += [(one, called, given) for one in called.nodes]
     return False
 
 

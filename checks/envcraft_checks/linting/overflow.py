@@ -31,7 +31,8 @@ def overflows(program: Program) -> Iterator[Suspect]:
                 case ast.BinOp(op=ast.Mult(), left=left, right=right):
                     for one, other in ((left, right), (right, left)):
                         factor = ranges.constant(other, function)
-                        if isinstance(factor, int) and (field := _bytes(function, one)):
+                        field = _bytes(function, one) or (function.field(one) if _becomes_bytes(program, node) else "")
+                        if isinstance(factor, int) and field:
                             yield from _scaled(program, ranges, function, node, field, factor)
 
 
@@ -62,6 +63,16 @@ def _bytes(function: Function, node: ast.expr) -> str:
         case ast.Call(func=ast.Attribute(attr="astype", value=value), args=[kind]) if name_of(kind) == "uint8":
             return _field(function, value)
     return ""
+
+
+def _becomes_bytes(program: Program, node: ast.BinOp) -> bool:
+    """Whether the result is copied in bytes, or a sum with it, such as ``(40 + 24 * self.heat).astype(np.uint8)``."""
+    whole = program.parents[node]
+    if not (isinstance(whole, ast.BinOp) and isinstance(whole.op, ast.Add)):
+        whole = node
+    attribute = program.parents[whole]
+    call = program.parents[attribute] if isinstance(attribute, ast.Attribute) and attribute.attr == "astype" else None
+    return isinstance(call, ast.Call) and [name_of(kind) for kind in call.args] == ["uint8"]
 
 
 def _scaled(

@@ -292,15 +292,34 @@ class Ranges:
                 parts = [*self._elsewhere(attr)]
             case ast.Attribute() if method is not None and not self.changes(node, method):
                 parts = [(value, method) for value, _ in self.program.values(node, method)]
-            case ast.Subscript(value=ast.Tuple(elts=elts), slice=index) if not isinstance(index, ast.Slice):
-                parts = [(one, method) for one in elts]
-            case ast.Subscript(value=ast.Name() | ast.Attribute() as table, slice=index):
-                tables = [value for value, _ in self.program.values(table, method)]
-                known = len(tables) == 1 and not self.changes(table, method)
-                if known and isinstance(tables[0], ast.Tuple) and not isinstance(index, ast.Slice):
-                    parts = [(one, method) for one in tables[0].elts]
+            case ast.Subscript():
+                parts = [(one, method) for one in self._items(node, method)]
         found = [self.numbers(one, owner, depth - 1) if depth else set() for one, owner in parts]
         return set().union(*found) if all(found) else set()
+
+    def _items(self, node: ast.Subscript, method: Function | None) -> list[ast.expr]:
+        """The expressions in a table that a subscript may be, such as ``WEIGHTS[kind]`` or ``FISH[kind][0]``."""
+        match node.value:
+            case ast.Subscript() as row:
+                tables: list[ast.expr] = self._items(row, method)
+            case ast.Name() | ast.Attribute() as name:
+                values = [value for value, _ in self.program.values(name, method)]
+                known = len(values) == 1 and not self.changes(name, method)
+                tables = [value for value in values if value is not None] if known else []
+            case table:
+                tables = [table]
+        found: list[ast.expr] = []
+        for table in tables:
+            match table, node.slice:
+                case _, ast.Slice():
+                    return []
+                case ((ast.Tuple(elts=elts) | ast.List(elts=elts)), ast.Constant(value=int() as index)):
+                    found += elts[index : index + 1]
+                case ((ast.Tuple(elts=items) | ast.List(elts=items) | ast.Dict(values=items)), _):
+                    found += items
+                case _:
+                    return []
+        return found
 
     def _elsewhere(self, name: str) -> Iterator[tuple[ast.AST | None, Function | None]]:
         """What any code of the file gives an attribute of this name; None for an unknown value."""
