@@ -68,6 +68,7 @@ from envcraft.plugins import hookimpl
 
 from .linting.absorbed import absorbed_ends
 from .linting.actions import impossible_actions
+from .linting.backgrounds import background_colours
 from .linting.clock import clocks
 from .linting.collisions import colliding_places
 from .linting.costs import paying_costs
@@ -83,6 +84,7 @@ from .linting.lateness import late_successes
 from .linting.leftovers import leftovers
 from .linting.limits import other_limits
 from .linting.logic import contradictions, divisions
+from .linting.offscreen import offscreen_drawings
 from .linting.order import orders
 from .linting.outdated import outdated_generators
 from .linting.overflow import overflows
@@ -101,6 +103,8 @@ from .linting.skipped import skipped_numbers
 from .linting.stopping import stopped_pictures
 from .linting.success import unreachable_successes
 from .linting.sums import floats
+from .linting.swaps import swapped_rows
+from .linting.timestamps import stale_times
 from .linting.transposed import transposed_pictures
 from .linting.unending import ongoing_successes
 from .linting.unpaid import unpaid_successes
@@ -162,6 +166,10 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC069", overflows),
     ("EC070", transposed_pictures),
     ("EC071", powers),
+    ("EC072", offscreen_drawings),
+    ("EC073", background_colours),
+    ("EC074", swapped_rows),
+    ("EC075", stale_times),
 )
 
 
@@ -320,6 +328,30 @@ class Lint(Check):
             "The reward is a power of a counter that nothing limits.",
             "Limit the counter: `2 ** min(self.streak, 4)`.",
             confirmed_by=("EC303",),
+        ),
+        Rule(
+            "EC072",
+            "drawn-outside",
+            "The code draws what play changes beyond the edge of the picture.",
+            "Draw inside the picture, or make it larger.",
+        ),
+        Rule(
+            "EC073",
+            "background-colour",
+            "Something is drawn in the colour that the background has in some levels.",
+            "Give it a colour that no background has.",
+        ),
+        Rule(
+            "EC074",
+            "rows-swapped",
+            "An assignment swaps rows of an array, which makes both the same.",
+            "Swap copies: `a[[i, j]] = a[[j, i]]`.",
+        ),
+        Rule(
+            "EC075",
+            "time-outlives-clock",
+            "Play sets a counter of steps back, but not a time that it is compared with.",
+            "Set the time where the counter starts again, or count on.",
         ),
     )
 
