@@ -71,6 +71,12 @@ def test_times_that_outlive_their_clock(step: str, after: str) -> None:
         (SHOT + "if self.level: self.after(0, 1)", "self.clock = 0\nself.gun = Gun()"),
         (SHOT + "if self.level: self.after(0, 1)", "self.clock = 0\nself.gun.ready = 0"),
         ("self.last = self.clock\nif self.level: self.clock = 0", "pass"),
+        ("self.last = max(self.last, self.clock)\nif self.level: self.clock = 0", "pass"),
+        ("if self.clock > self.last: self.last = self.clock\nif self.level: self.clock = 0", "pass"),
+        (DASH.replace(">= self.PAUSE", "% 24 >= 6") + "if self.level: self.clock = 0", "pass"),
+        (DASH.replace("if action[1] and", "if self.armed and") + "if self.level: self.clock = 0", "pass"),
+        (DASH + "if self.level: self.clock = 0; setattr(self, 'last', -9)", "pass"),
+        ("if self.clock != self.last: self.last = self.clock\nif self.level: self.clock = 0", "pass"),
     ],
 )
 def test_times_that_start_again(step: str, after: str) -> None:
@@ -114,7 +120,7 @@ def test_what_may_be_swapped(step: str, after: str, board: str) -> None:
     "step",
     [
         'for kind in KINDS.values(): kind["speed"] *= 2',
-        'for name, kind in KINDS.items(): kind["speed"] = self.t',
+        'for name, kind in KINDS.items(): kind["speed"] += self.t',
         "for at, room in enumerate(ROOMS): room[0] += at",
         'kind = KINDS["ant"]\nkind["speed"] += 1',
         "room = ROOMS[self.level]\nroom.append(2)",
@@ -132,7 +138,9 @@ def test_items_of_a_table_of_the_module(step: str) -> None:
         ("room = ROOMS[self.level]\nroom = [2]\nroom.append(2)", "pass"),
         ("for room in ROOMS[:]: self.level += len(room)", "pass"),
         ("for kind in KINDS.values(): kind['speed'] *= 2", "for kind in KINDS.values(): kind['speed'] = 1"),
+        ("for kind in KINDS.values(): kind['speed'] *= 2", "self.after(KINDS['ant'], KINDS['bee'])"),
+        ("for kind in KINDS.values(): kind['near'] = self.t", "pass"),
     ],
 )
 def test_tables_that_stay(step: str, reset: str) -> None:
-    assert codes(step, reset=reset) == set()
+    assert codes(step, "for one in (upper, lower): one['speed'] = 1", reset=reset) == set()

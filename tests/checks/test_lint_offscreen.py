@@ -71,6 +71,11 @@ def test_drawings_beyond_the_picture(draw: str) -> None:
         ("self.screen.blit(self.sky, (self.x % 84 + 84, 0))", "(84, 84)"),
         ("pygame.draw.rect(self.screen, BAT, (4, top, self.x, 5))", "(84, 99)"),
         ("pygame.draw.rect(self.screen, BAT, (4, top, self.x, 5))", "self.size"),
+        ("frame[()] = self.x", "(84, 84)"),
+        ("frame[..., 90:] = self.x", "(84, 84)"),
+        ("frame[0:4, 84:2:-1] = self.x", "(84, 84)"),
+        ("big = pygame.transform.scale(self.screen, (168, 168))\nbig.blit(self.text(self.x), (3, 90))", "(84, 84)"),
+        ("self.board.blit(self.text(self.x), (3, 90))", "(84, 84)"),
         ("pygame.draw.circle(self.screen, BAT, (4, top + 2), self.x)", "(84, 84)"),
     ],
 )
@@ -84,8 +89,7 @@ def test_drawings_that_show(draw: str, size: str) -> None:
         'frame[:] = CAVES[self.cave]["air"]\nfor bat in self.bats: frame[bat, bat] = BAT',
         'cave = CAVES[self.cave]\nself.screen.fill(cave["air"])\n'
         "for bat in self.bats: pygame.draw.rect(self.screen, BAT, (bat, 1, 5, 5))",
-        'frame = np.full((84, 84, 3), CAVES[self.cave]["air"], np.uint8)\n'
-        "for bat in self.bats: frame[bat, 0] = (9, 8, 7)",
+        'frame = np.full((84, 84, 3), CAVES[self.cave]["air"], np.uint8)\nfor bat in self.bats: frame[bat, 0] = BAT',
     ],
 )
 def test_things_that_the_background_hides(draw: str) -> None:

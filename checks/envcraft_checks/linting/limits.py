@@ -371,22 +371,33 @@ def _changed_by_calls(
     """Whether a function that some nodes call, or one that it calls, changes an attribute, unless the action decides
     it: by an argument that it gets, in a test.
     """
-    waiting = [(node, function, decided) for node in nodes]
-    seen: set[Function] = set()
+    stored = [node for node in program.nodes if isinstance(node, ast.Attribute) and node.attr == field]
+    outside = any(isinstance(node.ctx, ast.Store) and name_of(node.value) != "self" for node in stored)
+    if outside or any(name_of(node) in ("setattr", "__dict__", "vars") for node in program.nodes):
+        return True
+    names = [name_of(target) for target, _, _ in function.bindings]
+    waiting = [(node, function, {name for name in decided if names.count(name) < _TWICE}) for node in nodes]
+    seen: set[tuple[Function, frozenset[str]]] = set()
+    changes = 0
     while waiting:
         node, caller, known = waiting.pop()
         called = program.called(node, caller) if isinstance(node, ast.Call) else None
-        if called is not None and called not in seen and isinstance(node, ast.Call):
-            seen.add(called)
-            given = {name for name, value in arguments(node, called) if set() < _names(value) <= known}
-            given -= {name_of(target) for target, _, _ in called.bindings}
-            written = [*((target, one) for target, _, one in called.bindings), *called.writes]
-            for target, one in written:
-                if called.field(target) == field and not any(
-                    set() < _names(test) <= given for test in _conditions(program, one, called)
-                ):
+        if called is None or not isinstance(node, ast.Call):
+            continue
+        given = {name for name, value in arguments(node, called) if set() < _names(value) <= known}
+        given -= {name_of(target) for target, _, _ in called.bindings}
+        if (called, frozenset(given)) in seen:
+            continue
+        seen.add((called, frozenset(given)))
+        written = [*((target, one) for target, _, one in called.bindings), *called.writes]
+        for target, one in written:
+            if called.field(target) == field:
+                # Where several statements change it, one of them may do so in any case.
+                changes += 1
+                chosen = any(set() < _names(test) <= given for test in _conditions(program, one, called))
+                if not chosen or changes > 1:
                     return True
-            waiting += [(one, called, given) for one in called.nodes]
+        waiting += [(one, called, given) for one in called.nodes]
     return False
 
 

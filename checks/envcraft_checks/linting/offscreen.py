@@ -6,7 +6,7 @@ import ast
 import math
 from collections.abc import Iterator
 
-from .program import Function, Program, Suspect, line, name_of
+from .program import Function, Program, Suspect, arguments, line, name_of
 from .ranges import Ranges
 
 _ARRAYS = frozenset({"numpy.empty", "numpy.full", "numpy.ones", "numpy.zeros"})
@@ -20,7 +20,7 @@ _DEPTH = 4
 def offscreen_drawings(program: Program) -> Iterator[Suspect]:
     """Find what is drawn beyond the right or the lower edge of a picture of known size, and shows what play changes.
 
-    Shapes of pygame count if all surfaces of the file have a known size, and areas of an array if it has one.
+    Shapes on a surface of pygame and areas of an array count, if each has one known size.
     """
     drawings = _Drawings(program)
     for function in program.reached("reset", "step", "render"):
@@ -39,7 +39,6 @@ class _Drawings:
 
     def __init__(self, program: Program) -> None:
         self._program, self._ranges = program, Ranges(program)
-        self._surface = self._largest_surface()
         self._changing = {
             function.field(target)
             for function in program.reached("step")
@@ -50,21 +49,27 @@ class _Drawings:
         """The smallest x and y that a node draws at, and the width and the height of the picture; no x if unknown."""
         place: ast.expr | None = None
         match node:
-            case ast.Call(func=ast.Attribute(attr="blit"), args=[_, place, *_]) if self._surface:
+            case ast.Call(func=ast.Attribute(attr="blit", value=picture), args=[_, place, *_]):
                 pass
-            case ast.Call(args=[_, _, place, *_]) if self._surface:
+            case ast.Call(args=[picture, _, place, *_]):
                 if self._program.path(node.func, function) not in _RECTANGLES:
                     return [], _NOWHERE
-            case ast.Subscript(ctx=ast.Store(), value=array, slice=index):
-                size = self._size_of_array(array, function)
-                axes = index.elts if isinstance(index, ast.Tuple) else [index]
-                rows, columns = [axis.lower if isinstance(axis, ast.Slice) else None for axis in [*axes, None][:2]]
-                return ([columns, rows], size) if size else ([], _NOWHERE)
+            case ast.Subscript(ctx=ast.Store(), value=picture, slice=index):
+                axes = [*index.elts] if isinstance(index, ast.Tuple) else [index]
+                plain = all(isinstance(axis, ast.Slice | ast.Constant) and _is_plain(axis) for axis in axes)
+                size = self._size_of(picture, function, _ARRAYS) if plain and axes else None
+                starts = [axis.lower if isinstance(axis, ast.Slice) else None for axis in axes]
+                # Rows come first.
+                return ([*starts[1::-1]] if starts[1:] else [None, *starts], size[::-1]) if size else ([], _NOWHERE)
             case _:
                 return [], _NOWHERE
+        size = self._size_of(picture, function, _SURFACES)
+        corner: list[ast.expr | None] = []
         if isinstance(place, ast.Call) and self._program.path(place.func, function) == "pygame.Rect":
-            return [*place.args[:2]], self._surface or _NOWHERE
-        return ([*place.elts[:2]] if isinstance(place, ast.Tuple | ast.List) else []), self._surface or _NOWHERE
+            corner = [*place.args[:2]]
+        elif isinstance(place, ast.Tuple | ast.List):
+            corner = [*place.elts[:2]]
+        return (corner, size) if size and len(corner) > 1 else ([], _NOWHERE)
 
     def shows(self, node: ast.AST, start: ast.expr, function: Function) -> bool:
         """Whether play decides what a node draws, or how often; else it is an ornament.
@@ -127,34 +132,60 @@ class _Drawings:
                     loops += counter == name
         return loops == len(targets) > 0
 
-    def _largest_surface(self) -> tuple[float, float] | None:
-        """The width and the height of the largest surface of a file; None if it has none, or one of unknown size."""
-        sizes = []
-        for function in self._program.all:
-            for node in function.nodes:
-                if isinstance(node, ast.Call) and self._program.path(node.func, function) in _SURFACES:
-                    sizes.append(self._size(node.args[0] if node.args else None, function))
-        known = [size for size in sizes if size is not None]
-        if not known or len(known) < len(sizes):
-            return None
-        return max(width for width, _ in known), max(height for _, height in known)
-
     def _size(self, node: ast.expr | None, function: Function | None) -> tuple[float, float] | None:
         if not isinstance(node, ast.Tuple | ast.List) or len(node.elts) < 2:
             return None
         first, second = (self._ranges.constant(one, function) for one in node.elts[:2])
         return None if first is None or second is None else (first, second)
 
-    def _size_of_array(self, node: ast.expr, function: Function) -> tuple[float, float] | None:
-        """The width and the height of an array that is only ever made by one call of NumPy with a known shape."""
-        made = self._program.values(node, function) if isinstance(node, ast.Name | ast.Attribute) else []
-        if len(made) != 1 or made[0][1] is None:
+    def _size_of(
+        self, node: ast.expr | None, function: Function | None, makers: frozenset[str], depth: int = _DEPTH
+    ) -> tuple[float, float] | None:
+        """The two numbers of the only size that a picture is made with; None if it may have another one."""
+        if depth == 0 or function is None:
             return None
-        value, owner = made[0]
-        if not isinstance(value, ast.Call) or self._program.path(value.func, owner) not in _ARRAYS or not value.args:
-            return None
-        size = self._size(value.args[0], owner)
-        return None if size is None else (size[1], size[0])
+        made: list[tuple[ast.expr | None, Function | None]] = []
+        match node:
+            case ast.Call() if self._program.path(node.func, function) in makers:
+                return self._size(node.args[0] if node.args else None, function)
+            case ast.Call(func=ast.Attribute(attr="convert" | "convert_alpha", value=surface)):
+                made = [(surface, function)]
+            case ast.Name(id=name) if name in function.parameters:
+                if not any(name_of(target) == name for target, _, _ in function.bindings):
+                    made = [*self._given(function, name)]
+            case ast.Name(id=name) if name in function.local:
+                made = [*self._program.values(node, function)]
+            case ast.Attribute() if field := function.field(node):
+                unset = (value for value, _ in self._program.values(node, function) if not _is_none(value))
+                owners = dict(self._program.field_values(self._program.bound_to(function)).get(field, ()))
+                made = [(value, owners.get(value)) for value in unset]
+        sizes = {self._size_of(value, owner, makers, depth - 1) for value, owner in made}
+        return sizes.pop() if len(sizes) == 1 else None
+
+    def _given(self, function: Function, name: str) -> Iterator[tuple[ast.expr | None, Function | None]]:
+        """What each call gives a parameter; None for a default and for a call that is not known."""
+        if name in (
+            one.arg
+            for one in function.node.args.args[len(function.node.args.args) - len(function.node.args.defaults) :]
+        ):
+            yield None, None
+        for caller in self._program.reached("reset", "step", "render", "__init__"):
+            for node in caller.nodes:
+                if isinstance(node, ast.Call) and name_of(node.func) == function.name:
+                    known = self._program.called(node, caller) is function
+                    given = dict(arguments(node, function)) if known else {}
+                    yield given.get(name), caller
+
+
+def _is_none(node: ast.expr | None) -> bool:
+    return isinstance(node, ast.Constant) and node.value is None
+
+
+def _is_plain(axis: ast.expr) -> bool:
+    """Whether an index is a whole number, or a slice that goes up."""
+    if isinstance(axis, ast.Slice):
+        return axis.step is None
+    return isinstance(axis, ast.Constant) and isinstance(axis.value, int)
 
 
 def _picture(node: ast.AST) -> ast.AST:

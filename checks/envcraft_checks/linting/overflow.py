@@ -31,9 +31,10 @@ def overflows(program: Program) -> Iterator[Suspect]:
                 case ast.BinOp(op=ast.Mult(), left=left, right=right):
                     for one, other in ((left, right), (right, left)):
                         factor = ranges.constant(other, function)
-                        field = _bytes(function, one) or (function.field(one) if _becomes_bytes(program, node) else "")
+                        whole = function.field(one) if _becomes_bytes(program, node) else ""
+                        field = _bytes(function, one) or whole
                         if isinstance(factor, int) and field:
-                            yield from _scaled(program, ranges, function, node, field, factor)
+                            yield from _scaled(program, ranges, function, node, field, factor, bool(whole))
 
 
 def _measures(program: Program, node: ast.BinOp) -> bool:
@@ -76,9 +77,11 @@ def _becomes_bytes(program: Program, node: ast.BinOp) -> bool:
 
 
 def _scaled(
-    program: Program, ranges: Ranges, function: Function, node: ast.BinOp, field: str, factor: float
+    program: Program, ranges: Ranges, function: Function, node: ast.BinOp, field: str, factor: float, whole: bool
 ) -> Iterator[Suspect]:
-    """Report a product of bytes that exceeds 255 for the highest number that a test leaves to an attribute."""
+    """Report a product of bytes that exceeds 255 for the highest number that a test leaves to an attribute, or to all
+    items of it.
+    """
     added, parent = 0.0, program.parents[node]
     if isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Add):
         added = ranges.constant(parent.right if parent.left is node else parent.left, function) or 0.0
@@ -87,6 +90,8 @@ def _scaled(
         for test in one.nodes:
             match test:
                 case ast.Compare(left=left, ops=[ast.GtE()], comparators=[limit]) if _field(one, left) == field:
+                    if whole and not one.field(left):
+                        return
                     limits.append(ranges.constant(limit, one))
     if len(limits) == 1 and limits[0] is not None and (limits[0] - 1) * factor + added > _HIGHEST:
         words = f"computes {_text(node)} in 8 bits, which wraps around past 255: self.{field} reaches {limits[0] - 1:g}"

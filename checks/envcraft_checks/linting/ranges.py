@@ -54,6 +54,10 @@ def names_end(name: str) -> bool:
     return any(part in name for part in _PARTS) or not _WORDS.isdisjoint(name.split("_"))
 
 
+#: The longest chain of names that lead to a number.
+_CHAIN = 20
+
+
 class Ranges:
     """The values that attributes of the environment can have, as far as constants say."""
 
@@ -256,24 +260,24 @@ class Ranges:
                 return self.range(value, function) if len(others) == 1 else (-math.inf, math.inf)
         return -math.inf, math.inf
 
-    def constant(self, node: ast.AST | None, method: Function | None) -> float | None:
+    def constant(self, node: ast.AST | None, method: Function | None, depth: int = _CHAIN) -> float | None:
         """The value of an expression of numbers, and of names that are bound once."""
         match node:
             case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
                 return value if abs(value) < _LARGEST else None
             case ast.UnaryOp(op=ast.USub(), operand=operand):
-                positive = self.constant(operand, method)
+                positive = self.constant(operand, method, depth)
                 return None if positive is None else -positive
             case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
-                first, second = self.constant(left, method), self.constant(right, method)
+                first, second = self.constant(left, method, depth), self.constant(right, method, depth)
                 if first is None or second is None or (second == 0 and isinstance(op, ast.Div | ast.FloorDiv)):
                     return None
                 result = _OPERATORS[type(op)](first, second)
                 return result if abs(result) < _LARGEST else None
             case ast.Name() | ast.Attribute():
                 values = self.program.values(node, method)
-                if len(values) == 1 and not self.changes(node, method):
-                    return self.constant(*values[0])
+                if depth and len(values) == 1 and not self.changes(node, method):
+                    return self.constant(*values[0], depth - 1)
         return None
 
     def numbers(self, node: ast.AST | None, method: Function | None, depth: int = 3) -> set[float]:
@@ -284,7 +288,7 @@ class Ranges:
         match node:
             case ast.IfExp(body=body, orelse=orelse):
                 parts = [(body, method), (orelse, method)]
-            case ast.Name(id=name) if method is not None and name in method.local:
+            case ast.Name(id=name) if method is not None and name in method.local and name not in method.parameters:
                 if not any(isinstance(target, ast.Name) and target.id == name for target, _ in method.writes):
                     parts = [(value, method) for value, _ in self.program.values(node, method)]
             case ast.Attribute(attr=attr) if method is not None and not method.field(node):
@@ -305,20 +309,34 @@ class Ranges:
             case ast.Name() | ast.Attribute() as name:
                 values = [value for value, _ in self.program.values(name, method)]
                 known = len(values) == 1 and not self.changes(name, method)
-                tables = [value for value in values if value is not None] if known else []
+                # A list may change under another name, unless it is written like a constant.
+                tables = [
+                    value
+                    for value in values
+                    if known and value is not None and (isinstance(value, ast.Tuple) or name_of(name).isupper())
+                ]
             case table:
                 tables = [table]
         found: list[ast.expr] = []
+        owned = method is not None and bool(method.field(node.slice))
+        key = node.slice.value if isinstance(node.slice, ast.Constant) else self.constant(node.slice, method)
         for table in tables:
-            match table, node.slice:
-                case _, ast.Slice():
+            if isinstance(node.slice, ast.Slice) or not isinstance(table, ast.Tuple | ast.List | ast.Dict):
+                return []
+            items = table.values if isinstance(table, ast.Dict) else table.elts
+            if key is None:
+                # A member of an enum, or a limited index, is not any item.
+                other = isinstance(node.slice, ast.Attribute) and not owned
+                if other or name_of(node.slice) in ("clip", "max", "min"):
                     return []
-                case ((ast.Tuple(elts=elts) | ast.List(elts=elts)), ast.Constant(value=int() as index)):
-                    found += elts[index : index + 1]
-                case ((ast.Tuple(elts=items) | ast.List(elts=items) | ast.Dict(values=items)), _):
-                    found += items
-                case _:
-                    return []
+                found += items
+            elif isinstance(table, ast.Dict):
+                pairs = zip(table.keys, items, strict=True)
+                found += [item for one, item in pairs if isinstance(one, ast.Constant) and one.value == key]
+            elif isinstance(key, int) and -len(items) <= key < len(items):
+                found.append(items[key])
+            else:
+                return []
         return found
 
     def _elsewhere(self, name: str) -> Iterator[tuple[ast.AST | None, Function | None]]:

@@ -252,20 +252,25 @@ def _module_level(program: Program, function: Function, usage: Usage) -> Iterato
 
 
 def _items(program: Program) -> Iterator[Suspect]:
-    """Find where play writes into an item of a table of the module, such as ``for each in KINDS: each["speed"] *= 2``,
-    unless reset() writes into its items, too.
+    """Find where play counts on in an item of a table of the module, such as ``for each in KINDS: each["speed"] *= 2``,
+    unless a reset may write to such an item, too.
     """
-    resetting, found = set(program.reached("reset")), dict[str, list[tuple[ast.AST, Function]]]()
-    for function in program.play:
+    stepping = set(program.reached("step"))
+    others = [one for one in program.all if one not in stepping or program.bound_to(one) != program.env]
+    renewed = {_place_in_item(node) for one in (*others, *program.reached("reset")) for _, node in one.writes}
+    for function in program.reached("step"):
         tables = _tables_of_items(program, function)
         for target, node in function.writes:
-            if isinstance(target, ast.Name) and target.id in tables:
-                found.setdefault(tables[target.id], []).append((node, function))
-    for table, writes in found.items():
-        if not any(function in resetting for _, function in writes):
-            yield Suspect(
-                line(writes[0][0]), f"writes into an item of {table} of the module, which all instances share"
-            )
+            if not isinstance(target, ast.Name) or target.id not in tables or _place_in_item(node) in renewed:
+                continue
+            if isinstance(node, ast.Call) or isinstance(program.parents[node], ast.AugAssign):
+                words = f"writes into an item of {tables[target.id]} of the module, which all instances share"
+                yield Suspect(line(node), words)
+
+
+def _place_in_item(node: ast.AST) -> str:
+    """The key at which a statement writes, "" for any other change of an item."""
+    return ast.unparse(node.slice) if isinstance(node, ast.Subscript) else ""
 
 
 def _tables_of_items(program: Program, function: Function) -> dict[str, str]:

@@ -70,14 +70,31 @@ class _Count:
             self._add(value.op, value.right, node, method)
             return
         numbers = self._ranges.numbers(value, method)
-        self._known &= bool(numbers)
+        # What has gone past the number may start again.
+        self._known &= bool(numbers) and not (method is not None and self._is_tested(node, method, in_sum=False))
         self._set |= numbers
 
     def _add(self, op: ast.operator, value: ast.expr, node: ast.AST, method: Function) -> None:
         numbers = self._ranges.numbers(value, method) if isinstance(op, ast.Add | ast.Sub) else set()
-        self._known &= bool(numbers)
+        # A test of the sum may keep it from going past the number.
+        self._known &= bool(numbers) and not self._is_tested(node, method, in_sum=True)
         for number in numbers - {0.0}:
             self._added.setdefault(-number if isinstance(op, ast.Sub) else number, line(node))
+
+    def _is_tested(self, node: ast.AST, method: Function, in_sum: bool) -> bool:
+        """Whether a test around a statement compares the attribute by size: in a sum, or in any way."""
+        tests = [one.test for one in self._program.around(node, method) if isinstance(one, ast.If)]
+        compared = [
+            part
+            for test in tests
+            for one in ast.walk(test)
+            if isinstance(one, ast.Compare) and not isinstance(one.ops[0], ast.Eq | ast.NotEq)
+            for part in ast.walk(one)
+        ]
+        if not in_sum:
+            return any(method.field(part) == self._field for part in compared)
+        sums = (part for part in compared if isinstance(part, ast.BinOp))
+        return any(method.field(part) == self._field for one in sums for part in ast.walk(one))
 
     def skip(self, target: float) -> tuple[float, float, int] | None:
         """A value before the number, the value behind it that play may go on to, and the line that does it.

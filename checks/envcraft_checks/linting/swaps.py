@@ -37,6 +37,8 @@ def _rows_left(program: Program, function: Function, node: ast.Subscript) -> boo
     if not all(isinstance(index, ast.Slice) or _is_whole(program, index, function) for index in indices):
         return False
     left = sum(isinstance(index, ast.Slice) for index in indices)
+    if isinstance(node.value, ast.Name) and node.value.id in function.parameters:
+        return False
     values = program.values(node.value, function)
     known = [_dimensions(program, value, owner) for value, owner in values]
     return bool(known) and all(size > 0 and size - len(indices) + left > 0 for size in known)
@@ -110,7 +112,7 @@ def _dimensions(program: Program, node: ast.expr | None, function: Function | No
     """The number of dimensions of a new array of NumPy; 0 if it is not known."""
     while isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in ("copy", "astype"):
         node = node.func.value
-    if not isinstance(node, ast.Call):
+    if not isinstance(node, ast.Call) or any(name_of(keyword.value) == "object" for keyword in node.keywords):
         return 0
     shape: ast.expr | None = None
     name = name_of(node.func)
@@ -128,3 +130,14 @@ def _dimensions(program: Program, node: ast.expr | None, function: Function | No
             depth, inner = depth + 1, inner.elt if isinstance(inner, ast.ListComp) else inner.elts[0]
         return depth
     return len(shape.elts) if isinstance(shape, ast.Tuple | ast.List) else 0
+
+
+def _nested(node: ast.expr) -> int:
+    """The number of dimensions of nested lists of equal lengths that are written out; 0 for others."""
+    depth, level = 0, [node]
+    while all(isinstance(one, ast.List | ast.Tuple) for one in level):
+        items = [one.elts for one in level if isinstance(one, ast.List | ast.Tuple)]
+        if len({len(one) for one in items}) > 1 or not items[0]:
+            return 0
+        depth, level = depth + 1, [item for one in items for item in one]
+    return 0 if any(isinstance(one, ast.List | ast.Tuple) for one in level) else depth
