@@ -104,6 +104,7 @@ from .linting.stopping import stopped_pictures
 from .linting.success import unreachable_successes
 from .linting.sums import floats
 from .linting.swaps import swapped_rows
+from .linting.tables import shared_items
 from .linting.timestamps import stale_times
 from .linting.transposed import transposed_pictures
 from .linting.unending import ongoing_successes
@@ -125,6 +126,7 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC051", clocks),
     ("EC052", orders),
     ("EC053", shared),
+    ("EC053", shared_items),
     ("EC053", leftovers),
     ("EC053", remembered),
     ("EC054", aliases),

@@ -58,11 +58,7 @@ class _Palettes:
 
     def __init__(self, program: Program) -> None:
         self._program = program
-        self._changing = {
-            function.field(target)
-            for function in program.reached("step")
-            for target in [*(target for target, _ in function.writes), *(target for target, _, _ in function.bindings)]
-        } - {""}
+        self._changing = program.changed("step")
         values = {
             **program.module_values,
             **{name: value for name, (_, value) in program.class_values(program.env).items()},

@@ -39,11 +39,7 @@ class _Drawings:
 
     def __init__(self, program: Program) -> None:
         self._program, self._ranges = program, Ranges(program)
-        self._changing = {
-            function.field(target)
-            for function in program.reached("step")
-            for target in [*(target for target, _ in function.writes), *(target for target, _, _ in function.bindings)]
-        } - {""}
+        self._changing = program.changed("step")
 
     def corner(self, node: ast.AST, function: Function) -> tuple[list[ast.expr | None], tuple[float, float]]:
         """The smallest x and y that a node draws at, and the width and the height of the picture; no x if unknown."""
@@ -164,10 +160,8 @@ class _Drawings:
 
     def _given(self, function: Function, name: str) -> Iterator[tuple[ast.expr | None, Function | None]]:
         """What each call gives a parameter; None for a default and for a call that is not known."""
-        if name in (
-            one.arg
-            for one in function.node.args.args[len(function.node.args.args) - len(function.node.args.defaults) :]
-        ):
+        optional = function.node.args.args[::-1][: len(function.node.args.defaults)]
+        if name in (one.arg for one in optional):
             yield None, None
         for caller in self._program.reached("reset", "step", "render", "__init__"):
             for node in caller.nodes:

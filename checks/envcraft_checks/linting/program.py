@@ -271,6 +271,12 @@ class Program:
         while (node := self.parents[node]) is not function.node:
             yield node
 
+    def changed(self, *names: str) -> set[str]:
+        """The attributes of ``self`` that these methods, or functions that they may call, bind or change in place."""
+        functions = self.reached(*names)
+        bound = {one.field(target) for one in functions for target, _, _ in one.bindings}
+        return (bound | {one.field(target) for one in functions for target, _ in one.writes}) - {""}
+
     def block(self, statement: ast.AST) -> list[ast.stmt]:
         """The statements among which one stands, itself included; none for what is no statement."""
         parent = self.parents[statement]

@@ -25,7 +25,6 @@ def shared(program: Program) -> Iterator[Suspect]:
         yield from _defaults(program, function)
         yield from _class_level(program, function, usage)
         yield from _module_level(program, function, usage)
-    yield from _items(program)
     yield from _caches(program)
     yield from _serial_numbers(program)
 
@@ -249,63 +248,6 @@ def _module_level(program: Program, function: Function, usage: Usage) -> Iterato
             )
             if read and not is_bookkeeping(node.id) and not only_remembers(program, function, node.id, node):
                 yield Suspect(line(node), f"assigns {node.id} of the module, which all instances share")
-
-
-def _items(program: Program) -> Iterator[Suspect]:
-    """Find where play counts on in an item of a table of the module, such as ``for each in KINDS: each["speed"] *= 2``,
-    unless a reset may write to such an item, too.
-    """
-    stepping = set(program.reached("step"))
-    others = [one for one in program.all if one not in stepping or program.bound_to(one) != program.env]
-    renewed = {_place_in_item(node) for one in (*others, *program.reached("reset")) for _, node in one.writes}
-    for function in program.reached("step"):
-        tables = _tables_of_items(program, function)
-        for target, node in function.writes:
-            if not isinstance(target, ast.Name) or target.id not in tables or _place_in_item(node) in renewed:
-                continue
-            if isinstance(node, ast.Call) or isinstance(program.parents[node], ast.AugAssign):
-                words = f"writes into an item of {tables[target.id]} of the module, which all instances share"
-                yield Suspect(line(node), words)
-
-
-def _place_in_item(node: ast.AST) -> str:
-    """The key at which a statement writes, "" for any other change of an item."""
-    return ast.unparse(node.slice) if isinstance(node, ast.Subscript) else ""
-
-
-def _tables_of_items(program: Program, function: Function) -> dict[str, str]:
-    """The table of the module of which each local name is an item, as far as its items are lists or dictionaries."""
-    found: dict[str, str] = {}
-    for node in function.nodes:
-        items: ast.expr | None = None
-        match node:
-            case ast.For(target=target, iter=items) | ast.comprehension(target=target, iter=items):
-                match target, items:
-                    case ast.Tuple(elts=[_, target]), (
-                        ast.Call(func=ast.Attribute(value=items, attr="items"))
-                        | ast.Call(func=ast.Name(id="enumerate"), args=[items, *_])
-                    ):
-                        pass
-                    case _, ast.Call(func=ast.Attribute(value=items, attr="values")):
-                        pass
-            case ast.Assign(targets=[target], value=ast.Subscript(value=items, slice=index)):
-                if isinstance(index, ast.Slice):
-                    items = None
-            case _:
-                continue
-        match target, items:
-            case ast.Name(), ast.Name(id=table) if table not in function.local and _holds_containers(program, table):
-                found[target.id] = table
-    counts = [node.id for node in function.nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]
-    return {name: table for name, table in found.items() if counts.count(name) == 1}
-
-
-def _holds_containers(program: Program, name: str) -> bool:
-    """Whether a name of the module is a list or a dictionary of lists or dictionaries, written out."""
-    match program.module_values.get(name):
-        case ast.List(elts=items) | ast.Tuple(elts=items) | ast.Dict(values=items):
-            return bool(items) and all(isinstance(item, ast.List | ast.Dict) for item in items)
-    return False
 
 
 def _caches(program: Program) -> Iterator[Suspect]:
