@@ -35,6 +35,10 @@ second half, and at `standard` also if the game was won. Penalties and guards do
 exceptions, and lines that depend on a count of steps, an option of the constructor or `render_mode`. If the check is
 skipped without a warning, the reason names these lines.
 
+In a game of cells, play shows which attribute is the player's cell, what the player gathers, and which values of the
+grid are walls. A seed on which walls enclose a thing that success needs cannot be won. This is an error on two seeds of
+a hundred or more, and a warning on one. If most seeds are such, there may be a way that play did not find.
+
 A warning says that info reports success under a key that the contract does not read, such as `won`. The sign of the
 return then decides whether an episode is won, or wins are unknown.
 
@@ -59,6 +63,7 @@ from envcraft.errors import Skip, Undecided
 from envcraft.judging import policy
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.check import Check, Rule
+from envcraft.judging.search import CELLS
 from envcraft.judging.shrink import repro
 from envcraft.judging.statistics import Exact, Proportion, lead, settle
 from envcraft.model.verdict import Finding, Severity
@@ -67,6 +72,7 @@ from envcraft.text import plural
 
 from .instawin import BY_SIGN, counts_survival
 from .linting.clock import timed
+from .linting.gathered import counted, emptied
 from .linting.generators import drawn_alike
 from .linting.logic import names_success
 from .linting.program import line, program_of
@@ -137,6 +143,13 @@ class Difficulty(Check):
             "info reports success under a key that the contract does not read.",
             'Report is_success, or name the key in a contract of your own, such as `success = "won"`.',
             Severity.WARNING,
+        ),
+        Rule(
+            "EC811",
+            "enclosed-things",
+            "On some seeds walls enclose a thing that the player must gather.",
+            "Search for a way to each thing in reset(), and place it again if there is none.",
+            confirmed_by=("EC503", "EC807"),
         ),
     )
 
@@ -218,6 +231,8 @@ class Difficulty(Check):
             unsettled = open_question
         if trivial is not None:
             yield trivial
+        elif (found := self._enclosed(subject)) is not None:
+            yield found
         elif unsettled:
             crashed = any(outcome.get("crash") for outcome in subject.searches.explorations)
             if subject.searches.saturated and not crashed:
@@ -364,6 +379,34 @@ class Difficulty(Check):
         )
         return finding if seeds[1:] else finding.as_warning()
 
+    def _enclosed(self, subject: Subject) -> Finding | None:
+        """The finding that walls enclose, on some seeds, a thing that the player must gather."""
+        program = program_of(subject)
+        if program is None or not subject.budget.sweep or not subject.searches.spares(CELLS):
+            return None
+        every, goals = emptied(program), counted(program)
+        if not every and not goals:
+            return None
+        outcome = subject.searches.enclosed()
+        numbers, looked = outcome.get("enclosed") or [], outcome.get("looked") or 0
+        place = outcome.get("place") or ""
+        needed = place in every or outcome.get("placed") in goals
+        # Where most seeds have such a thing, there may be a way that random play does not take.
+        if not needed or not numbers or len(numbers) > _MOST_ENCLOSED * looked:
+            return None
+        seeds = [subject.episode_seed(number) for number in numbers]
+        shown = subject.random(numbers[0])
+        finding = self.finding(
+            "EC811",
+            f"on {Exact(len(seeds), looked)} seeds walls enclose a cell of self.{place} that the player must come to "
+            f"(the seeds {', '.join(map(str, seeds[:_RANGES]))}{', …' if seeds[_RANGES:] else ''})",
+            line=subject.line_of("reset"),
+            repro=repro(shown.rollout.cut(shown.steps)),
+            rate=Exact(len(seeds), looked).evidence(),
+            seeds=seeds,
+        )
+        return finding if seeds[1:] else finding.as_warning()
+
     def _judge_held(self, subject: Subject) -> tuple[Finding | None, str]:
         """Return the finding, or why it is unsettled whether there is one."""
         unsettled = ""
@@ -445,6 +488,8 @@ class Difficulty(Check):
 
 
 _UNSOLVABLE = "unsolvable"
+#: The largest share of seeds with an enclosed thing that counts as a defect.
+_MOST_ENCLOSED = 0.6
 
 
 def _line_of_key(subject: Subject, key: str) -> int | Line | None:

@@ -29,6 +29,10 @@ distances between them, and colours that pass 255. EC070 is about pixels of a py
 EC071 is about a reward such as `2 ** self.streak`, if nothing limits the streak; where the power grows slowly, it is a
 warning.
 
+EC076 and EC077 are about lines that raise when play comes to them: a name that nothing defines, and arguments that a
+function does not take. EC078 is about a statement that drops its result, such as `np.clip(self.x, 0, 80)`, and EC079
+about a squared distance beside a radius.
+
 The check runs after the others. If play has shown a defect of the same kind, for example EC204 for a draw from a
 global generator, that finding has the reproduction, and this check does not repeat it. A rule that is off by default
 reports only if `--select` names its code.
@@ -69,14 +73,17 @@ from envcraft.plugins import hookimpl
 from .linting.absorbed import absorbed_ends
 from .linting.actions import impossible_actions
 from .linting.backgrounds import background_colours
+from .linting.calls import wrong_arguments
 from .linting.clock import clocks
 from .linting.collisions import colliding_places
 from .linting.costs import paying_costs
 from .linting.dead import late_results, repeated_tests
+from .linting.discarded import discarded_results
 from .linting.dtypes import float_pictures
 from .linting.early import early_successes
 from .linting.effects import effects, swallowed
 from .linting.equal import equal_values
+from .linting.fractions import vanishing_fractions
 from .linting.generators import generators
 from .linting.lasting import lasting_parts
 from .linting.late import late_pictures
@@ -88,7 +95,7 @@ from .linting.offscreen import offscreen_drawings
 from .linting.order import orders
 from .linting.outdated import outdated_generators
 from .linting.overflow import overflows
-from .linting.owed import owed_rewards
+from .linting.owed import early_differences, owed_rewards
 from .linting.pairs import short_comparisons
 from .linting.parts import parts_read_twice
 from .linting.powers import powers
@@ -100,6 +107,7 @@ from .linting.results import wrong_results
 from .linting.running_out import short_lists
 from .linting.sharing import aliases, shared
 from .linting.skipped import skipped_numbers
+from .linting.squares import squared_distances
 from .linting.stopping import stopped_pictures
 from .linting.success import unreachable_successes
 from .linting.sums import floats
@@ -107,6 +115,7 @@ from .linting.swaps import swapped_rows
 from .linting.tables import shared_items
 from .linting.timestamps import stale_times
 from .linting.transposed import transposed_pictures
+from .linting.undefined import undefined_names
 from .linting.unending import ongoing_successes
 from .linting.unpaid import unpaid_successes
 from .linting.waiting import waiting_pays
@@ -154,10 +163,12 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC059", empty_slices),
     ("EC059", absorbed_ends),
     ("EC059", colliding_places),
+    ("EC059", vanishing_fractions),
     ("EC061", wrong_results),
     ("EC062", punished_successes),
     ("EC062", unpaid_successes),
     ("EC062", late_successes),
+    ("EC062", early_differences),
     ("EC063", drawn_changes),
     ("EC063", drawn_numbers),
     ("EC064", float_pictures),
@@ -172,6 +183,10 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC073", background_colours),
     ("EC074", swapped_rows),
     ("EC075", stale_times),
+    ("EC076", undefined_names),
+    ("EC077", wrong_arguments),
+    ("EC078", discarded_results),
+    ("EC079", squared_distances),
 )
 
 
@@ -354,6 +369,32 @@ class Lint(Check):
             "time-outlives-clock",
             "Play sets a counter of steps back, but not a time that it is compared with.",
             "Set the time where the counter starts again, or count on.",
+        ),
+        Rule(
+            "EC076",
+            "undefined-name",
+            "The code reads a name, an attribute or a key that nothing defines.",
+            "Correct the spelling, or define it.",
+            confirmed_by=("EC008", "EC104", "EC107", "EC112"),
+        ),
+        Rule(
+            "EC077",
+            "wrong-arguments",
+            "The code calls its own function with arguments that this does not take.",
+            "Give the arguments that the function's definition lists.",
+            confirmed_by=("EC008", "EC104", "EC107", "EC112"),
+        ),
+        Rule(
+            "EC078",
+            "discarded-result",
+            "A statement computes a value and does nothing with it.",
+            "Assign the result, or call the method that changes its object.",
+        ),
+        Rule(
+            "EC079",
+            "squared-distance",
+            "A test compares a squared distance with a distance.",
+            "Square the other side as well: `dx * dx + dy * dy <= reach * reach`.",
         ),
     )
 

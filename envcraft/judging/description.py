@@ -145,6 +145,8 @@ def outcome(value: dict[str, Any], action_space: SpaceSpec, most: int) -> Search
         for action in actions or []:
             if wrong := validate_action(action_space, action):
                 raise MalformedValue(f"{name}: {wrong}")
+    if not result.get("place", "").isprintable() or len(result.get("place", "")) > MAX_SHOWN:
+        raise MalformedValue("a place that is no name")
     if result.get("loop_length", 0) > len(result.get("loop") or []):
         raise MalformedValue("a loop that is longer than its actions")
     return result

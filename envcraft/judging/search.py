@@ -22,6 +22,8 @@ _REACT = 360
 #: The most steps of a search that goes back and forth after its path, how many such searches there are, and the steps
 #: within which their episodes must be paid.
 _ROCK, _ROCKS, _SOON = 250, 6, 60
+#: Steps of random play that show what the cells of a game mean.
+CELLS = 900
 #: Steps of a greedy search, which makes five moves.
 _GREEDY = 10_000
 #: The share of the budget that an exploration leaves to the checks after it, and that a sweep leaves.
@@ -272,6 +274,10 @@ class Searches:
     def unseen_states(self, path: list[Action], seed: int) -> int:
         """The same, but 0 if the picture shows some move (the worker's ``vanish``)."""
         return self._states("vanish", path, seed)
+
+    def enclosed(self) -> SearchOutcome:
+        """Look for seeds on which walls enclose a thing that the player gathers."""
+        return self._run("enclosed", 0, CELLS)
 
     def _states(self, kind: str, path: list[Action], seed: int) -> int:
         return int(self._cache.search(Search(kind, seed, len(path) + _REACT, path)).get("states") or 0)

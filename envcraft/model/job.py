@@ -74,6 +74,10 @@ class SearchOutcome(TypedDict, total=False):
         paid: steps with a reward other than 0.
         states: the states that it met.
         late_states: those of them that it met first in its second half.
+        place: the attribute with the cells of things that the player gathers.
+        placed: the most things that one start has.
+        looked: the number of seeds whose start was looked at.
+        enclosed: those of them, counted from the first, on which walls enclose a thing.
     """
 
     crash: list[Any] | None
@@ -89,3 +93,7 @@ class SearchOutcome(TypedDict, total=False):
     late_states: int
     exhausted: bool
     stochastic: bool
+    place: str
+    placed: Count
+    looked: Count
+    enclosed: list[Count]

@@ -98,17 +98,19 @@ def pressed(step: str, **parts: str) -> dict[str, bool]:
         "more": "",
         **parts,
     }
-    source = BUTTONS.format(step=step.replace("\n", "\n        "), **filled)
-    ast.parse(source)
-    with subject_of(Target("game.py", source.encode())) as subject:
-        return {finding.code: finding.severity is Severity.ERROR for finding in Lint().judge(subject)}
+    return judged(BUTTONS.format(step=step.replace("\n", "\n        "), **filled))
 
 
 def found(source: str) -> set[str]:
     """The codes that lint reports on a source."""
+    return set(judged(source))
+
+
+def judged(source: str) -> dict[str, bool]:
+    """The codes that lint reports on a source, and whether each is an error."""
     ast.parse(source)
     with subject_of(Target("game.py", source.encode())) as subject:
-        return {finding.code for finding in Lint().judge(subject)}
+        return {finding.code: finding.severity is Severity.ERROR for finding in Lint().judge(subject)}
 
 
 def subject_of(target: Target) -> Subject:

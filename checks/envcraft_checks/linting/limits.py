@@ -49,8 +49,9 @@ def unlimited(program: Program, limit: int) -> Iterator[Suspect]:
     name, most, kind = counted[0]
     ended = {name_of(node) for test, _ in _tests(program, step, _TRUNCATED - 1) for node in ast.walk(test)}
     ended |= {name_of(node) for test, _ in tests for node in ast.walk(test)}
-    if any(_always(program, step, play, other) for other in ended - {name, ""}):
-        # Something else counts steps, too.
+    if others := [other for other in sorted(ended - {name, ""}) if _always(program, step, play, other)]:
+        # Something else counts steps, too, unless a return comes before all of these counts.
+        yield from _returned(program, step, play, [name, *others])
         return
     if most * _TWICE > limit:
         yield from _restarts(program, play, name)
@@ -328,12 +329,24 @@ def _paused(program: Program, step: Function, play: list[Function], name: str) -
         if _names(test) & decided:
             yield Suspect(line(count), f"counts a step only if {ast.unparse(test)[:40]}")
             return
+    yield from _returned(program, step, play, [name])
+
+
+def _returned(program: Program, step: Function, play: list[Function], names: list[str]) -> Iterator[Suspect]:
+    """Find the test under which step() returns, as long as the player wants, before any of these counts."""
+    counts = [
+        node
+        for node in step.node.body
+        if isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Attribute) and node.target.attr in names
+    ]
+    if len(step.parameters) < _TWICE or not set(names) <= {name_of(node.target) for node in counts}:
+        return
+    first, decided = min(map(line, counts)), _decided(program, step, play)
     for node in _goes_on(step):
-        if line(node) < line(count):
-            tests = list(_conditions(program, node, step))
-            if tests and (_names(tests[0]) <= decided or _stays(program, step, node, tests[0], decided)):
-                yield Suspect(line(node), f"returns if {ast.unparse(tests[0])[:40]}, before the step is counted")
-                return
+        tests = list(_conditions(program, node, step)) if line(node) < first else []
+        if tests and _lasts(program, step, node, tests[0], decided):
+            yield Suspect(line(node), f"returns if {ast.unparse(tests[0])[:40]}, before the step is counted")
+            return
 
 
 def _goes_on(step: Function) -> list[ast.Return]:
@@ -349,6 +362,52 @@ def _goes_on(step: Function) -> list[ast.Return]:
             for flag in node.value.elts[_TRUNCATED - 1 : _TRUNCATED + 1]
         )
     ]
+
+
+def _lasts(program: Program, step: Function, end: ast.Return, test: ast.expr, decided: set[str]) -> bool:
+    """Whether the player can keep a test true: by the action, in a state that the step leaves as it is."""
+    if _names(test) <= decided or _stays(program, step, end, test, decided):
+        return True
+    parts = test.values if isinstance(test, ast.BoolOp) and isinstance(test.op, ast.And) else []
+    states = [part for part in parts if not _names(part) <= decided]
+    fields = {step.field(node) for part in states for node in ast.walk(part)} - {""}
+    names = {node.id for part in states for node in ast.walk(part) if isinstance(node, ast.Name)}
+    calls = any(isinstance(node, ast.Call) for part in states for node in ast.walk(part))
+    if (
+        len(states) == len(parts)
+        or calls
+        or not fields
+        or names & step.local - {step.me}
+        or any(map(_OVER.search, fields))
+    ):
+        return False
+    branch = {node for statement in program.block(end) for node in ast.walk(statement)}
+    if sum(isinstance(node, ast.Return) for node in branch) > 1:
+        return False
+    before = {node for node in step.nodes if 0 < line(node) < line(test)}
+    called = [program.called(node, step) for node in branch | before if isinstance(node, ast.Call)]
+    run = [(step, branch | before)]
+    run += [(one, set(one.nodes)) for one in program.reached(*(each.name for each in called if each is not None))]
+    return not any(_touches(function, nodes, fields) for function, nodes in run)
+
+
+def _touches(function: Function, nodes: set[ast.AST], fields: set[str]) -> bool:
+    """Whether some nodes may change what attributes of ``self`` hold: they store into it, or call its methods."""
+    for node in nodes:
+        match node:
+            case ast.Name(id="setattr" | "vars") | ast.Attribute(attr="__dict__"):
+                return True
+            case ast.Attribute(ctx=ast.Store() | ast.Del()) | ast.Subscript(ctx=ast.Store() | ast.Del()):
+                target: ast.AST = node
+            case ast.Call(func=ast.Attribute(value=value)):
+                target = value
+            case _:
+                continue
+        while isinstance(target, ast.Attribute | ast.Subscript):
+            if function.field(target) in fields:
+                return True
+            target = target.value
+    return False
 
 
 def _stays(program: Program, step: Function, end: ast.Return, test: ast.expr, decided: set[str]) -> bool:

@@ -1,4 +1,4 @@
-"""Rewards that step() decides after it has paid the reward of the step."""
+"""Rewards that step() decides, or changes of a score that it makes, after it has paid the reward of the step."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import ast
 from collections.abc import Iterator
 
 from .program import Function, Program, Suspect, line, name_of
+
+_RESULTS = 5
 
 
 def owed_rewards(program: Program) -> Iterator[Suspect]:
@@ -19,6 +21,49 @@ def owed_rewards(program: Program) -> Iterator[Suspect]:
                     if _ends(program, step, node, over) and not _pays_too(program, node, reward):
                         words = f"changes self.{field} after line {paid} has paid it"
                         yield Suspect(line(node), f"{words}, and the episode ends in this step")
+
+
+def early_differences(program: Program) -> Iterator[Suspect]:
+    """Find a reward that is the change of an attribute since the last step, computed before this step changes it: what
+    the last step of an episode earns is never paid.
+    """
+    step = program.method(program.env, "step")
+    for node in step.nodes if step is not None else ():
+        match node:
+            case ast.Assign(targets=[ast.Name(id=reward)], value=ast.BinOp(left=now, op=ast.Sub(), right=before)):
+                pass
+            case _:
+                continue
+        assert step is not None
+        field, kept = step.field(now), step.field(before)
+        if not (field and kept and _is_always_returned(step, reward)):
+            continue
+        stored = [
+            each for target, value, each in step.bindings if step.field(target) == kept and step.field(value) == field
+        ]
+        later = [each for each in step.nodes if line(each) > max(map(line, [node, *stored]))]
+        if len(stored) != 1 or any(
+            isinstance(each, ast.Name) and each.id == reward and isinstance(each.ctx, ast.Store) for each in later
+        ):
+            continue
+        for call in later:
+            called = program.called(call, step) if isinstance(call, ast.Call) else None
+            changed = program.changed(called.name) if called is not None else set()
+            if called is not None and field in changed and kept not in changed:
+                words = f"changes self.{field} by {called.name}() after line {line(node)} has paid its change"
+                yield Suspect(line(call), f"{words}, so the last step of an episode is not paid")
+                return
+
+
+def _is_always_returned(step: Function, reward: str) -> bool:
+    """Whether each return of step() gives this name, alone or converted, as the reward."""
+    rewards = [
+        each.value.elts[1]
+        for each in step.nodes
+        if isinstance(each, ast.Return) and isinstance(each.value, ast.Tuple) and len(each.value.elts) == _RESULTS
+    ]
+    plain = [each.args[0] if isinstance(each, ast.Call) and len(each.args) == 1 else each for each in rewards]
+    return bool(plain) and all(isinstance(each, ast.Name) and each.id == reward for each in plain)
 
 
 def _ends(program: Program, step: Function, node: ast.AST, over: set[str]) -> bool:

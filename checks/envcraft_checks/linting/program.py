@@ -26,6 +26,10 @@ MUTATORS = frozenset({
 _KNOWN = frozenset({"abc", "gym", "gymnasium", "typing"})
 
 
+#: Exceptions that include all others.
+_BROAD = frozenset({"BaseException", "Exception"})
+
+
 class Suspect(NamedTuple):
     """One place in the code that a rule reports.
 
@@ -436,6 +440,23 @@ def arguments(call: ast.Call, called: Function) -> Iterator[tuple[str, ast.expr]
 
 def _names(*nodes: Iterable[ast.AST]) -> set[str]:
     return {node.id for each in nodes for node in each if isinstance(node, ast.Name)}
+
+
+def caught(program: Program, node: ast.AST, function: Function, *errors: str) -> bool:
+    """Whether a handler around a node catches one of these exceptions, or all of them."""
+    inner = node
+    for outer in program.around(node, function):
+        kinds: list[ast.expr | None] = []
+        if isinstance(outer, ast.Try) and inner in outer.body:
+            for handler in outer.handlers:
+                kinds += handler.type.elts if isinstance(handler.type, ast.Tuple) else [handler.type]
+        elif isinstance(outer, ast.With):
+            calls = [item.context_expr for item in outer.items if name_of(item.context_expr) == "suppress"]
+            kinds += [kind for call in calls if isinstance(call, ast.Call) for kind in call.args]
+        if any(kind is None or name_of(kind) in {*errors, *_BROAD} for kind in kinds):
+            return True
+        inner = outer
+    return False
 
 
 def root(node: ast.expr) -> ast.expr:

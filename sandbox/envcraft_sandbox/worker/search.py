@@ -2,7 +2,8 @@
 
 Their results are only hints: the host repeats every list of actions in an ordinary rollout and trusts only that trace.
 Each search has a budget in environment steps, so its result does not depend on the machine. The searches that follow
-what looks promising are in :mod:`envcraft_sandbox.worker.exploration`; those that try everything they can are here.
+what looks promising are in :mod:`envcraft_sandbox.worker.exploration`, and the look at cells in
+:mod:`envcraft_sandbox.worker.enclosed`; those that try everything they can are here.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Any
 from envcraft_protocol.jobs import Job
 from envcraft_protocol.wire import Kind
 
+from .enclosed import enclosed
 from .exploration import explore, horizon, places, simple
 from .state import State
 from .subject import Subject, attributes
@@ -319,4 +321,5 @@ _SEARCHES: dict[str, Callable[[Tree], None]] = {
     "vanish": vanish,
     "rock": rock,
     "horizon": horizon,
+    "enclosed": enclosed,
 }

@@ -71,6 +71,10 @@ class Outcome:
     late_states: int = 0
     exhausted: bool = False
     stochastic: bool = False
+    place: str = ""
+    placed: int = 0
+    looked: int = 0
+    enclosed: list[int] = field(default_factory=list)
 
     def json(self) -> dict[str, Any]:
         lists = ("crash", "win", "best", "loop", "still")
