@@ -72,7 +72,7 @@ from envcraft.text import plural
 
 from .instawin import BY_SIGN, counts_survival
 from .linting.clock import timed
-from .linting.gathered import counted, emptied
+from .linting.gathered import changed_in_play, counted, emptied
 from .linting.generators import drawn_alike
 from .linting.logic import names_success
 from .linting.program import line, program_of
@@ -391,6 +391,8 @@ class Difficulty(Check):
         numbers, looked = outcome.get("enclosed") or [], outcome.get("looked") or 0
         place = outcome.get("place") or ""
         needed = place in every or outcome.get("placed") in goals
+        if outcome.get("board") in changed_in_play(program):
+            return None
         # Where most seeds have such a thing, there may be a way that random play does not take.
         if not needed or not numbers or len(numbers) > _MOST_ENCLOSED * looked:
             return None

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Annotated, Any, TypedDict
 
 import msgspec
-from envcraft_protocol.wire import MAX_FIELD_LINES, MAX_FIELDS, MAX_PATH, MAX_SHOWN
+from envcraft_protocol.wire import MAX_FIELD_LINES, MAX_FIELDS, MAX_LOOKS, MAX_PATH, MAX_SHOWN
 
 from envcraft.errors import MalformedValue
 from envcraft.model.job import SearchOutcome
@@ -145,8 +145,12 @@ def outcome(value: dict[str, Any], action_space: SpaceSpec, most: int) -> Search
         for action in actions or []:
             if wrong := validate_action(action_space, action):
                 raise MalformedValue(f"{name}: {wrong}")
-    if not result.get("place", "").isprintable() or len(result.get("place", "")) > MAX_SHOWN:
-        raise MalformedValue("a place that is no name")
+    if not all(
+        len(name) <= MAX_SHOWN and name.isprintable() for name in (result.get("place", ""), result.get("board", ""))
+    ):
+        raise MalformedValue("an attribute whose name is too long or cannot be printed")
+    if len(result.get("enclosed", ())) > result.get("looked", 0) or result.get("looked", 0) > MAX_LOOKS:
+        raise MalformedValue("more seeds than a search looks at")
     if result.get("loop_length", 0) > len(result.get("loop") or []):
         raise MalformedValue("a loop that is longer than its actions")
     return result

@@ -75,6 +75,7 @@ class SearchOutcome(TypedDict, total=False):
         states: the states that it met.
         late_states: those of them that it met first in its second half.
         place: the attribute with the cells of things that the player gathers.
+        board: the attribute with the grid of cells.
         placed: the most things that one start has.
         looked: the number of seeds whose start was looked at.
         enclosed: those of them, counted from the first, on which walls enclose a thing.
@@ -94,6 +95,7 @@ class SearchOutcome(TypedDict, total=False):
     exhausted: bool
     stochastic: bool
     place: str
+    board: str
     placed: Count
     looked: Count
     enclosed: list[Count]

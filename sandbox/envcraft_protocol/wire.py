@@ -73,6 +73,8 @@ MAX_DIMENSIONS = 32
 #: of an episode.
 MAX_FIELDS, MAX_PATH, MAX_SHOWN, MAX_FIELD_LINES = 1000, 200, 400, 2000
 MAX_STATES_BYTES = 4 * 1024 * 1024
+#: Starts that the search `enclosed` looks at.
+MAX_LOOKS = 100
 
 #: Bytes of a job, which has the source, and of a control message.
 MAX_MESSAGE = 16 * 1024 * 1024

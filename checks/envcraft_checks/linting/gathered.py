@@ -36,3 +36,10 @@ def counted(program: Program) -> set[float]:
                 case ast.Compare(left=left, ops=[ast.GtE() | ast.Eq()], comparators=[right]):
                     goals.append((function.field(left), ranges.constant(right, function)))
     return {number for field, number in goals if field and field in counts and number is not None}
+
+
+def changed_in_play(program: Program) -> set[str]:
+    """The attributes that functions change which step() may call and reset() does not."""
+    functions = set(program.reached("step")) - set(program.reached("reset"))
+    bound = {function.field(target) for function in functions for target, _, _ in function.bindings}
+    return bound | {function.field(target) for function in functions for target, _ in function.writes}

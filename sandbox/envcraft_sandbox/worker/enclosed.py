@@ -7,17 +7,20 @@ from collections import Counter, deque
 from typing import Any, NamedTuple
 
 import numpy as np
+from envcraft_protocol.wire import MAX_LOOKS
 
 from .tree import Tree
 
-#: Seeds of random play, of play that gathers things, and those whose start is looked at.
-_PLAYED, _GUIDED, _SEEDS = 6, 3, 100
+#: Seeds of random play, and of play that gathers things.
+_PLAYED, _GUIDED = 6, 3
 #: For how many steps random play holds an action.
 _HOLDS = (1, 2, 3, 5)
 #: The shortest and the longest side of a grid.
 _SIDES = range(4, 65)
 #: How often the player must be seen beside a wall, on other cells, and to gather a thing.
 _BESIDE, _WALKED, _GATHERED = 8, 12, 2
+#: The share of the cells that walls have at least. Doors and hazards have fewer.
+_SHARE = 0.05
 #: How the names of two attributes end that are a cell together.
 _ENDS = (("x", "y"), ("row", "col"), ("r", "c"))
 _AROUND = ((-1, 0), (1, 0), (0, -1), (0, 1))
@@ -77,8 +80,8 @@ class _Board(NamedTuple):
 
 
 def _look(tree: Tree, env: Any, board: _Board) -> None:
-    tree.out.place = board.things
-    for number in range(_SEEDS):
+    tree.out.place, tree.out.board = board.things, board.grid
+    for number in range(MAX_LOOKS):
         tree.subject.call("reset", env.reset, seed=tree.seed + number)
         left, ways = board.left(_scene(env))
         if ways:
@@ -211,9 +214,10 @@ def _gathers(plays: list[_Play], name: str, things: str) -> bool:
 
 
 def _walls(plays: list[_Play], name: str, grid: str, turned: bool) -> set[Any]:
-    """The values of the grid that the player never stands on, though often beside; none if play changes the grid."""
+    """The common values of the grid that the player never stands on, though often beside; none if play changes it."""
     stood: set[Any] = set()
     beside: Counter[Any] = Counter()
+    every: Counter[Any] = Counter()
     walked = 0
     for scenes, _ in plays:
         if any(name not in scene.cells or grid not in scene.grids for scene in scenes):
@@ -225,10 +229,12 @@ def _walls(plays: list[_Play], name: str, grid: str, turned: bool) -> set[Any]:
         if any(not _inside(cell, table) for cell in visited):
             return set()
         walked += len(visited)
+        every.update(table.ravel().tolist())
         stood |= {table[cell].item() for cell in visited}
         near = {(row + down, column + right) for row, column in visited for down, right in _AROUND} - visited
         beside.update(table[cell].item() for cell in near if _inside(cell, table))
-    found = {value for value, times in beside.items() if times >= _BESIDE and value not in stood}
+    common = {value for value, times in every.items() if times >= _SHARE * every.total()}
+    found = {value for value, times in beside.items() if times >= _BESIDE and value in common - stood}
     return found if walked >= _WALKED else set()
 
 

@@ -72,6 +72,7 @@ class Outcome:
     exhausted: bool = False
     stochastic: bool = False
     place: str = ""
+    board: str = ""
     placed: int = 0
     looked: int = 0
     enclosed: list[int] = field(default_factory=list)
