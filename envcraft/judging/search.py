@@ -23,7 +23,7 @@ _REACT = 360
 #: within which their episodes must be paid.
 _ROCK, _ROCKS, _SOON = 250, 6, 60
 #: Steps of random play that show what the cells of a game mean.
-CELLS = 900
+CELLS = 1_200
 #: Steps of a greedy search, which makes five moves.
 _GREEDY = 10_000
 #: The share of the budget that an exploration leaves to the checks after it, and that a sweep leaves.

@@ -13,6 +13,8 @@ from .tree import Tree
 
 #: Seeds of random play, and of play that gathers things.
 _PLAYED, _GUIDED = 6, 3
+#: Number of episodes that the budget is meant for: the same three again if two lists may be the things.
+_EPISODES = 12
 #: For how many steps random play holds an action.
 _HOLDS = (1, 2, 3, 5)
 #: The shortest and the longest side of a grid.
@@ -54,10 +56,13 @@ def enclosed(tree: Tree) -> None:
     for name, grid, turned in itertools.product(names, grids, (False, True)):
         walls = _walls(plays, name, grid, turned)
         for things in many if walls else ():
+            if tree.spent() or _gathered(plays, name, things) is None:
+                continue
             board = _Board(name, things, grid, turned, walls)
             player = _Gatherer(tree, board, _moves(plays, name))
             every = [*plays, *(_played(tree, env, tree.seed + number, player) for number in range(_GUIDED))]
-            if _gathers(every, name, things) and walls <= _walls(every, name, grid, turned):
+            often = (_gathered(every, name, things) or 0) >= _GATHERED
+            if often and walls <= _walls(every, name, grid, turned):
                 _look(tree, env, board)
                 return
 
@@ -128,7 +133,7 @@ def _played(tree: Tree, env: Any, seed: int, player: _Player) -> _Play:
     """The scenes of an episode, and the actions between them."""
     tree.subject.call("reset", env.reset, seed=seed)
     scenes, actions = [_scene(env)], []
-    for _ in range(tree.budget // (_PLAYED + _GUIDED)):
+    for _ in range(tree.budget // _EPISODES):
         action = player.choose(scenes[-1])
         _, _, terminated, truncated, _ = tree.subject.step("step", env, action)
         tree.out.steps += 1
@@ -197,20 +202,20 @@ def _turned(grid: Any, turned: bool) -> Any:
     return grid.T if turned else grid
 
 
-def _gathers(plays: list[_Play], name: str, things: str) -> bool:
-    """Whether one cell walks, and the only things that vanish are those that it comes to."""
+def _gathered(plays: list[_Play], name: str, things: str) -> int | None:
+    """How many things vanish at the cell that comes to them; None if it does not walk, or others vanish or appear."""
     gathered = 0
     for before, after in (pair for play in plays for pair in itertools.pairwise(play.scenes)):
         if not all(name in scene.cells and things in scene.things for scene in (before, after)):
-            return False
+            return None
         cell, other = before.cells[name], after.cells[name]
         gone = before.things[things] - after.things[things]
-        if abs(cell[0] - other[0]) + abs(cell[1] - other[1]) > 1 or after.things[things] - before.things[things]:
-            return False
-        if gone - {other}:
-            return False
+        if abs(cell[0] - other[0]) + abs(cell[1] - other[1]) > 1 or gone - {other}:
+            return None
+        if after.things[things] - before.things[things]:
+            return None
         gathered += len(gone)
-    return gathered >= _GATHERED
+    return gathered
 
 
 def _walls(plays: list[_Play], name: str, grid: str, turned: bool) -> set[Any]:
