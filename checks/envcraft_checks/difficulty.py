@@ -63,7 +63,6 @@ from envcraft.errors import Skip, Undecided
 from envcraft.judging import policy
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.check import Check, Rule
-from envcraft.judging.search import CELLS
 from envcraft.judging.shrink import repro
 from envcraft.judging.statistics import Exact, Proportion, lead, settle
 from envcraft.model.verdict import Finding, Severity
@@ -382,7 +381,7 @@ class Difficulty(Check):
     def _enclosed(self, subject: Subject) -> Finding | None:
         """The finding that walls enclose, on some seeds, a thing that the player must gather."""
         program = program_of(subject)
-        if program is None or not subject.budget.sweep or not subject.searches.spares(CELLS):
+        if program is None or not subject.budget.sweep:
             return None
         every, goals = emptied(program), counted(program)
         if not every and not goals:

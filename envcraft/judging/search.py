@@ -23,7 +23,7 @@ _REACT = 360
 #: within which their episodes must be paid.
 _ROCK, _ROCKS, _SOON = 250, 6, 60
 #: Steps of random play that show what the cells of a game mean.
-CELLS = 1_200
+_CELLS = 1_200
 #: Steps of a greedy search, which makes five moves.
 _GREEDY = 10_000
 #: The share of the budget that an exploration leaves to the checks after it, and that a sweep leaves.
@@ -276,8 +276,8 @@ class Searches:
         return self._states("vanish", path, seed)
 
     def enclosed(self) -> SearchOutcome:
-        """Look for seeds on which walls enclose a thing that the player gathers."""
-        return self._run("enclosed", 0, CELLS)
+        """Look for seeds on which walls enclose a thing that the player gathers; no result without the steps for it."""
+        return self._run("enclosed", 0, _CELLS) if self.spares(_CELLS) else SearchOutcome()
 
     def _states(self, kind: str, path: list[Action], seed: int) -> int:
         return int(self._cache.search(Search(kind, seed, len(path) + _REACT, path)).get("states") or 0)
