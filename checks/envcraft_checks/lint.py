@@ -373,7 +373,7 @@ class Lint(Check):
         Rule(
             "EC076",
             "undefined-name",
-            "The code reads a name, an attribute or a key that nothing defines.",
+            "The code reads a name or an attribute that nothing defines.",
             "Correct the spelling, or define it.",
             confirmed_by=("EC008", "EC104", "EC107", "EC112"),
         ),
