@@ -381,7 +381,7 @@ class Difficulty(Check):
     def _enclosed(self, subject: Subject) -> Finding | None:
         """The finding that walls enclose, on some seeds, a thing that the player must gather."""
         program = program_of(subject)
-        if program is None or not subject.budget.sweep:
+        if program is None:
             return None
         every, goals = emptied(program), counted(program)
         if not every and not goals:

@@ -51,11 +51,14 @@ def enclosed(tree: Tree) -> None:
     value counts as a way, so a door or a hazard encloses nothing.
     """
     env = tree.subject.construct(announce=False)
+    tree.subject.call("reset", env.reset, seed=tree.seed)
+    start = _scene(env)
+    if not all(start):
+        return
     plays = [_played(tree, env, tree.seed + number, _Player(tree)) for number in range(_PLAYED)]
-    names, many, grids = _names(plays)
-    for name, grid, turned in itertools.product(names, grids, (False, True)):
+    for name, grid, turned in itertools.product(start.cells, start.grids, (False, True)):
         walls = _walls(plays, name, grid, turned)
-        for things in many if walls else ():
+        for things in start.things if walls else ():
             if tree.spent() or _gathered(plays, name, things) is None:
                 continue
             board = _Board(name, things, grid, turned, walls)
@@ -191,11 +194,6 @@ def _grid(value: Any) -> Any:
             value = np.array([list(row) for row in value])
     table = isinstance(value, np.ndarray) and value.ndim == 2 and value.dtype.kind in "biuU"
     return value.copy() if table and all(side in _SIDES for side in value.shape) else None
-
-
-def _names(plays: list[_Play]) -> tuple[list[str], list[str], list[str]]:
-    first = plays[0].scenes[0]
-    return list(first.cells), list(first.things), list(first.grids)
 
 
 def _turned(grid: Any, turned: bool) -> Any:
