@@ -358,11 +358,10 @@ class Difficulty(Check):
         """
         if all(trace.reported_success is None for trace in subject.played()):
             return None
-        won = {trace.rollout.seed for trace in [*subject.traces, *subject.searches.explored()] if trace.positive}
         numbers, states, settled = subject.searches.unwinnable()
-        if not numbers or any(subject.episode_seed(number) in won for number in numbers):
-            return None
         seeds = [subject.episode_seed(number) for number in numbers]
+        if not numbers or not self._won(subject).isdisjoint(seeds):
+            return None
         shown = subject.random(numbers[0])
         if not shown.usable or shown.positive:
             return None
@@ -377,6 +376,10 @@ class Difficulty(Check):
             states=states,
         )
         return finding if seeds[1:] else finding.as_warning()
+
+    def _won(self, subject: Subject) -> set[int]:
+        """The seeds on which some play has won."""
+        return {trace.rollout.seed for trace in [*subject.traces, *subject.searches.explored()] if trace.positive}
 
     def _enclosed(self, subject: Subject) -> Finding | None:
         """The finding that walls enclose, on some seeds, a thing that the player must gather."""
@@ -397,6 +400,8 @@ class Difficulty(Check):
             return None
         seeds = [subject.episode_seed(number) for number in numbers]
         shown = subject.random(numbers[0])
+        if not self._won(subject).isdisjoint(seeds):
+            return None
         finding = self.finding(
             "EC811",
             f"on {Exact(len(seeds), looked)} seeds walls enclose a cell of self.{place} that the player must come to "

@@ -93,6 +93,8 @@ def test_the_code_may_count_the_things(won: str) -> None:
         {"placed": ON_THE_EDGE},
         # Enough without those that are enclosed.
         {"won": "self.found >= 2"},
+        # As many losses as things.
+        {"won": "self.at == (8, 11)", "more": "self.found += 1\n        if self.found >= 4: self.lost = True"},
         # On each seed: there may be a way that play does not find.
         {"placed": BEHIND_A_WALL},
         {"more": "self.walls[self.at] = False"},

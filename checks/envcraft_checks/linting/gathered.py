@@ -5,7 +5,8 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 
-from .program import Function, Program
+from .logic import names_success
+from .program import Function, Program, name_of
 from .ranges import Ranges
 
 
@@ -25,7 +26,7 @@ def _empty(node: ast.AST, function: Function) -> Iterator[str]:
 
 
 def counted(program: Program) -> set[float]:
-    """The numbers that step() compares its counts with: attributes to which it adds one."""
+    """The numbers with which success compares counts: attributes to which step() adds one."""
     ranges = Ranges(program)
     counts, goals = set(), []
     for function in program.reached("step"):
@@ -33,9 +34,23 @@ def counted(program: Program) -> set[float]:
             match node:
                 case ast.AugAssign(target=target, op=ast.Add(), value=ast.Constant(value=1)):
                     counts.add(function.field(target))
-                case ast.Compare(left=left, ops=[ast.GtE() | ast.Eq()], comparators=[right]):
+                case ast.Compare(left=left, ops=[ast.GtE() | ast.Eq()], comparators=[right]) if _wins(program, node):
                     goals.append((function.field(left), ranges.constant(right, function)))
     return {number for field, number in goals if field and field in counts and number is not None}
+
+
+def _wins(program: Program, test: ast.AST) -> bool:
+    """Whether a test is part of what the code calls success, by the names that it decides."""
+    node = test
+    while not isinstance(node, ast.stmt):
+        node = program.parents[node]
+    decided = node.body if isinstance(node, ast.If) else [node]
+    parts = [part for statement in decided for part in ast.walk(statement)]
+    names = {part.value for part in parts if isinstance(part, ast.Constant) and isinstance(part.value, str)}
+    for part in parts:
+        if isinstance(part, ast.Assign):
+            names |= {name_of(target) for target in part.targets}
+    return any(map(names_success, names))
 
 
 def changed_in_play(program: Program) -> set[str]:
