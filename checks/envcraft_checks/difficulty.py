@@ -71,7 +71,7 @@ from envcraft.text import plural
 
 from .instawin import BY_SIGN, counts_survival
 from .linting.clock import timed
-from .linting.gathered import changed_in_play, counted, emptied
+from .linting.gathered import needs_all, only_walks
 from .linting.generators import drawn_alike
 from .linting.logic import names_success
 from .linting.program import line, program_of
@@ -386,17 +386,14 @@ class Difficulty(Check):
         program = program_of(subject)
         if program is None:
             return None
-        every, goals = emptied(program), counted(program)
-        if not every and not goals:
-            return None
         outcome = subject.searches.enclosed()
         numbers, looked = outcome.get("enclosed") or [], outcome.get("looked") or 0
-        place = outcome.get("place") or ""
-        needed = place in every or outcome.get("placed") in goals
-        if outcome.get("board") in changed_in_play(program):
-            return None
         # Where most seeds have such a thing, there may be a way that random play does not take.
-        if not needed or not numbers or len(numbers) > _MOST_ENCLOSED * looked:
+        if not numbers or len(numbers) > _MOST_ENCLOSED * looked:
+            return None
+        player, place, board = (outcome.get("player") or "", outcome.get("place") or "", outcome.get("board") or "")
+        needed = needs_all(program, place, outcome.get("placed") or 0)
+        if not needed or not only_walks(program, set(player.split(", ")), board, place):
             return None
         seeds = [subject.episode_seed(number) for number in numbers]
         shown = subject.random(numbers[0])

@@ -145,9 +145,8 @@ def outcome(value: dict[str, Any], action_space: SpaceSpec, most: int) -> Search
         for action in actions or []:
             if wrong := validate_action(action_space, action):
                 raise MalformedValue(f"{name}: {wrong}")
-    if not all(
-        len(name) <= MAX_SHOWN and name.isprintable() for name in (result.get("place", ""), result.get("board", ""))
-    ):
+    names = (result.get("player", ""), result.get("place", ""), result.get("board", ""))
+    if not all(len(name) <= MAX_SHOWN and name.isprintable() for name in names):
         raise MalformedValue("an attribute whose name is too long or cannot be printed")
     if len(result.get("enclosed", ())) > result.get("looked", 0) or result.get("looked", 0) > MAX_LOOKS:
         raise MalformedValue("more seeds than a search looks at")

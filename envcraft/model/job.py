@@ -74,6 +74,7 @@ class SearchOutcome(TypedDict, total=False):
         paid: steps with a reward other than 0.
         states: the states that it met.
         late_states: those of them that it met first in its second half.
+        player: the attributes with the player's cell, with a comma between two.
         place: the attribute with the cells of things that the player gathers.
         board: the attribute with the grid of cells.
         placed: the most things that one start has.
@@ -94,6 +95,7 @@ class SearchOutcome(TypedDict, total=False):
     late_states: int
     exhausted: bool
     stochastic: bool
+    player: str
     place: str
     board: str
     placed: Count

@@ -32,8 +32,8 @@ class Game(gym.Env):
     def step(self, action):
         self.t += 1
         down, right = WAYS[int(action[0])]
-        cell = self.at[0] + down, self.at[1] + right
-        if 0 <= cell[0] < 9 and 0 <= cell[1] < 12 and not self.walls[cell]:
+        cell = {cell}
+        if 0 <= cell[0] < 9 and 0 <= cell[1] < 12 and ({passes}):
             self.at = cell
             self.row, self.col = cell
         if self.at in self.gems:
@@ -42,6 +42,8 @@ class Game(gym.Env):
         {more}
         won = {won}
         return self.see(), float(won), won, self.t > 199, {{"is_success": won}}
+    def dig(self, cell):
+        self.walls[cell] = False
     def see(self):
         seen = np.zeros(200, np.int64)
         seen[:108], seen[108:112] = self.walls.ravel(), (*self.at, len(self.gems), self.found)
@@ -54,6 +56,13 @@ BEHIND_A_WALL = (
 )
 
 
+PARTS = {
+    "placed": ANYWHERE,
+    "won": "not self.gems",
+    "more": "pass",
+    "passes": "not self.walls[cell]",
+    "cell": "self.at[0] + down, self.at[1] + right",
+}
 #: Two attributes instead of one cell.
 APART = {
     "self.at, self.t, self.found = (0, 0), 0, 0": "self.row, self.col, self.t, self.found = 0, 0, 0, 0",
@@ -65,8 +74,8 @@ APART = {
 }
 
 
-def found(placed: str = ANYWHERE, won: str = "not self.gems", more: str = "pass", apart: bool = False) -> Any:
-    source = GAME.format(placed=placed, won=won, more=more)
+def found(apart: bool = False, **changes: str) -> Any:
+    source = GAME.format(**PARTS | changes)
     for old, new in APART.items() if apart else ():
         source = source.replace(old, new)
     pool = WorkerPool(driver_named("process", probe=False))
@@ -95,6 +104,16 @@ def test_the_code_may_count_the_things(won: str) -> None:
         {"won": "self.found >= 2"},
         # As many losses as things.
         {"won": "self.at == (8, 11)", "more": "self.found += 1\n        if self.found >= 4: self.lost = True"},
+        # A bonus, one of two ways to win, and as many as there are of something else.
+        {"won": "self.at == (8, 11)", "more": "bonus = float(not self.gems)"},
+        {"won": "not self.gems or self.at == (8, 11)"},
+        # What opens the walls later.
+        {"passes": "not self.walls[cell] or self.found > 2"},
+        {"passes": "not (self.walls[cell] and self.t < 150)"},
+        {"more": "if self.found == 3: self.dig(self.at)"},
+        {"more": "if self.found == 3 and action[1]: self.at = (8, 11)"},
+        {"more": "if self.found == 3: self.gems.pop()"},
+        {"cell": "(self.at[0] + down) % 9, self.at[1] + right"},
         # On each seed: there may be a way that play does not find.
         {"placed": BEHIND_A_WALL},
         {"more": "self.walls[self.at] = False"},

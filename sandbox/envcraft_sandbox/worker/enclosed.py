@@ -18,7 +18,7 @@ _EPISODES = 12
 #: For how many steps random play holds an action.
 _HOLDS = (1, 2, 3, 5)
 #: The shortest and the longest side of a grid.
-_SIDES = range(4, 65)
+_SIDES = range(4, 41)
 #: How often the player must be seen beside a wall, on other cells, and to gather a thing.
 _BESIDE, _WALKED, _GATHERED = 8, 12, 2
 #: The share of the cells that walls have at least. Doors and hazards have fewer.
@@ -84,18 +84,25 @@ class _Board(NamedTuple):
         if self.player not in scene.cells or self.grid not in scene.grids:
             return frozenset(), {}
         table = _turned(scene.grids[self.grid], self.turned)
+        if not _inside(scene.cells[self.player], table):
+            return frozenset(), {}
         return scene.things.get(self.things, frozenset()), _reached(table, scene.cells[self.player], self.walls)
+
+    def has(self, scene: _Scene, cell: _Cell) -> bool:
+        """Whether a cell is one of the grid's."""
+        return _inside(cell, _turned(scene.grids[self.grid], self.turned))
 
 
 def _look(tree: Tree, env: Any, board: _Board) -> None:
-    tree.out.place, tree.out.board = board.things, board.grid
+    tree.out.player, tree.out.place, tree.out.board = board.player, board.things, board.grid
     for number in range(MAX_LOOKS):
         tree.subject.call("reset", env.reset, seed=tree.seed + number)
-        left, ways = board.left(_scene(env))
+        scene = _scene(env)
+        left, ways = board.left(scene)
         if ways:
             tree.out.looked += 1
             tree.out.placed = max(tree.out.placed, len(left))
-            if left - ways.keys():
+            if any(cell not in ways and board.has(scene, cell) for cell in left):
                 tree.out.enclosed.append(number)
 
 

@@ -71,6 +71,7 @@ class Outcome:
     late_states: int = 0
     exhausted: bool = False
     stochastic: bool = False
+    player: str = ""
     place: str = ""
     board: str = ""
     placed: int = 0
