@@ -26,6 +26,7 @@ class Game(gym.Env):
         self.walls = self.np_random.random((9, 12)) < 0.3
         self.walls[0, :] = self.walls[:, 0] = False
         self.at, self.t, self.found = (0, 0), 0, 0
+        self.kite = (8, 11)
         free = [(int(y), int(x)) for y, x in np.argwhere(~self.walls) if y + x > 1]
         {placed}
         return self.see(), {{"is_success": False}}
@@ -113,6 +114,8 @@ def test_the_code_may_count_the_things(won: str) -> None:
         {"more": "if self.found == 3: self.dig(self.at)"},
         {"more": "if self.found == 3 and action[1]: self.at = (8, 11)"},
         {"more": "if self.found == 3: self.gems.pop()"},
+        {"more": "for one in (self.at, self.kite):\n            if one in self.gems[3:]: self.gems.remove(one)"},
+        {"more": "held = self.t > 150\n        held |= self.found > 2\n        if held: self.at = self.kite"},
         {"cell": "(self.at[0] + down) % 9, self.at[1] + right"},
         # On each seed: there may be a way that play does not find.
         {"placed": BEHIND_A_WALL},

@@ -135,10 +135,19 @@ def _attributes(program: Program, node: ast.AST, function: Function, depth: int)
         elif (field := function.field(part)) and program.method(program.env, field) is None:
             found.add(field)
         elif isinstance(part, ast.Name) and isinstance(part.ctx, ast.Load) and part.id in function.local and depth:
-            for value, _ in program.values(part, function):
-                # A value that no expression gives may come from anything.
-                found |= _attributes(program, value, function, depth - 1) if value is not None else set()
+            for source in _sources(part.id, function):
+                found |= _attributes(program, source, function, depth - 1)
     return found
+
+
+def _sources(name: str, function: Function) -> Iterator[ast.AST]:
+    """What a local name gets its values from: the whole of it if a statement binds several names."""
+    for target, value, statement in function.bindings:
+        if isinstance(target, ast.Name) and target.id == name:
+            yield value or getattr(statement, "value", None) or getattr(statement, "iter", None) or target
+    for target, statement in function.writes:
+        if isinstance(target, ast.Name) and target.id == name and isinstance(statement, ast.AugAssign):
+            yield statement.value
 
 
 def _wins(program: Program, test: ast.AST) -> bool:
