@@ -15,7 +15,7 @@ from envcraft.model.target import Target
 from envcraft.model.verdict import Severity
 
 GAME = """
-import functools, math, random, time
+import functools, itertools, math, random, time
 import numpy as np
 import gymnasium as gym
 LIMIT = 5
@@ -58,6 +58,7 @@ class Game(gym.Env):
         self.x = self.y = self.streak = self.streak_left = 0
         self.hearts = np.uint8(5)
         self.lives = np.full(3, 4, dtype=np.uint8)
+        self.lamps = [1, 2, 3]
         {reset}
         return self.see(), {{}}
     def step(self, action):

@@ -123,7 +123,7 @@ def test_each_rule_reads_what_play_may_never_reach(code: str, parts: dict[str, s
         {"super": "super().reset(seed=0)", "reset": "self.more()", "step": "self.more()", "more": GUST},
         {"super": "super().reset(seed=0 if seed is None else seed)", "step": "self.x = self.np_random.random()"},
         {"super": "super().reset(seed=0); super().reset(seed=seed)", "step": "self.x = self.np_random.random()"},
-        {"super": "super().reset(seed=0)", "step": "self.x = self.np_random.random()", "see": "self.np_random = RNG"},
+        {"super": "super().reset(seed=0)", "step": "self.x = self.np_random.random()", "see": "self.np_random = LIMIT"},
         {"super": "if options: super().reset(seed=0)", "step": "self.x = self.np_random.random()"},
         {"super": "super().reset(seed=self.count)", "step": "self.x = self.np_random.random()"},
         {"super": "self.x += 1; super().reset(seed=self.x)", "step": "self.np_random.random()", "more": "x = 0"},

@@ -34,9 +34,9 @@ class Game(gym.Env):
 
 
 def codes(step: str, success: str = "self.won", more: str = "") -> set[str]:
-    """The codes that lint reports on a game with these statements in step()."""
+    """The codes that lint reports on a game with these statements in step(), without those of methods that it lacks."""
     parts = {"step": textwrap.indent(step, " " * 8), "more": textwrap.indent(more, " " * 4)}
-    return found(GAME.format(success=success, **parts))
+    return found(GAME.format(success=success, **parts)) - {"EC076"}
 
 
 END = "\nreturn self.at, 0.0, {}, self.steps >= 99, {}"

@@ -13,7 +13,8 @@ def ends(terminated: str, truncated: str, success: str, before: str = "") -> set
     """The codes that lint reports on a game whose step() returns these flags and this success."""
     end = f"return self.see(), 0.0, {terminated}, {truncated}, {{'is_success': {success}}}"
     statements = f"won = self.x > 9; lost = self.x < 0; late = self.x == 5; {before or 'pass'}; {end}"
-    return codes(reset="self.x = self.np_random.integers(9)", step=statements)
+    more = "def more(self): return self.np_random.random() < 0.5"
+    return codes(reset="self.x = self.np_random.integers(9)", step=statements, more=more)
 
 
 @pytest.mark.parametrize(
