@@ -359,27 +359,8 @@ class Difficulty(Check):
         if all(trace.reported_success is None for trace in subject.played()):
             return None
         numbers, states, settled = subject.searches.unwinnable()
-        seeds = [subject.episode_seed(number) for number in numbers]
-        if not numbers or not self._won(subject).isdisjoint(seeds):
-            return None
-        shown = subject.random(numbers[0])
-        if not shown.usable or shown.positive:
-            return None
-        finding = self.finding(
-            "EC807",
-            f"on {Exact(len(seeds), settled)} seeds none of the reachable states is a success "
-            f"({states} states on the seeds {', '.join(map(str, seeds[:_RANGES]))}{', …' if seeds[_RANGES:] else ''})",
-            line=subject.line_of("reset"),
-            repro=repro(shown.rollout.cut(shown.steps)),
-            rate=Exact(len(seeds), settled).evidence(),
-            seeds=seeds,
-            states=states,
-        )
-        return finding if seeds[1:] else finding.as_warning()
-
-    def _won(self, subject: Subject) -> set[int]:
-        """The seeds on which some play has won."""
-        return {trace.rollout.seed for trace in [*subject.traces, *subject.searches.explored()] if trace.positive}
+        words = f"none of the {states} reachable states is a success"
+        return self._on_seeds(subject, "EC807", numbers, settled, words, states=states)
 
     def _enclosed(self, subject: Subject) -> Finding | None:
         """The finding that walls enclose, on some seeds, a thing that the player must gather."""
@@ -389,24 +370,38 @@ class Difficulty(Check):
         outcome = subject.searches.enclosed()
         numbers, looked = outcome.get("enclosed") or [], outcome.get("looked") or 0
         # Where most seeds have such a thing, there may be a way that random play does not take.
-        if not numbers or len(numbers) > _MOST_ENCLOSED * looked:
+        if len(numbers) > _MOST_ENCLOSED * looked:
             return None
         player, place, board = (outcome.get("player") or "", outcome.get("place") or "", outcome.get("board") or "")
         needed = needs_all(program, place, outcome.get("placed") or 0)
         if not needed or not only_walks(program, set(player.split(", ")), board, place):
             return None
+        words = f"walls enclose a cell of self.{place} that the player must come to"
+        return self._on_seeds(subject, "EC811", numbers, looked, words)
+
+    def _on_seeds(
+        self, subject: Subject, code: str, numbers: list[int], judged: int, words: str, **evidence: Any
+    ) -> Finding | None:
+        """The finding that some of the judged seeds cannot be won; a warning if it is only one of them.
+
+        There is none if some play has won on one of the seeds after all.
+        """
         seeds = [subject.episode_seed(number) for number in numbers]
-        shown = subject.random(numbers[0])
-        if not self._won(subject).isdisjoint(seeds):
+        won = {trace.rollout.seed for trace in [*subject.traces, *subject.searches.explored()] if trace.positive}
+        if not seeds or not won.isdisjoint(seeds):
             return None
+        shown = subject.random(numbers[0])
+        if not shown.usable or shown.positive:
+            return None
+        rate = Exact(len(seeds), judged)
         finding = self.finding(
-            "EC811",
-            f"on {Exact(len(seeds), looked)} seeds walls enclose a cell of self.{place} that the player must come to "
-            f"(the seeds {', '.join(map(str, seeds[:_RANGES]))}{', …' if seeds[_RANGES:] else ''})",
+            code,
+            f"on {rate} seeds {words} (seeds {', '.join(map(str, seeds[:_RANGES]))}{', …' if seeds[_RANGES:] else ''})",
             line=subject.line_of("reset"),
             repro=repro(shown.rollout.cut(shown.steps)),
-            rate=Exact(len(seeds), looked).evidence(),
+            rate=rate.evidence(),
             seeds=seeds,
+            **evidence,
         )
         return finding if seeds[1:] else finding.as_warning()
 
