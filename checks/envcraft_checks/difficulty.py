@@ -31,13 +31,14 @@ does not seed again, makes all fresh episodes draw the same numbers.
 If no proof is possible, but the exploration met no new state in its second half, a game without a positive outcome gets
 a warning. Another warning names lines of `step()` that pay, win or end the episode, and that no play and no search
 reached; the worker reports which lines ran. The check gives this warning if the exploration met no new state in its
-second half, and at `standard` also if the game was won. Penalties and guards do not count, nor do handlers of
-exceptions, and lines that depend on a count of steps, an option of the constructor or `render_mode`. If the check is
+second half, and at `standard` also if the game was won. Penalties, guards and exception handlers do not count. Lines
+that depend on a count of steps, an option of the constructor or `render_mode` do not count either. If the check is
 skipped without a warning, the reason names these lines.
 
 In a game of cells, play shows which attribute is the player's cell, what the player gathers, and which values of the
-grid are walls. A seed on which walls enclose a thing that success needs cannot be won. This is an error on two seeds of
-a hundred or more, and a warning on one. If most seeds are such, there may be a way that play did not find.
+grid are walls. A seed on which walls enclose a thing that success needs cannot be won. Two or more such seeds of a
+hundred are an error, and one is a warning. If more than 60% of the seeds have an enclosed thing, the check does not
+report them, because there may be a way that play did not find.
 
 A warning says that info reports success under a key that the contract does not read, such as `won`. The sign of the
 return then decides whether an episode is won, or wins are unknown.
@@ -508,7 +509,7 @@ def _short(subject: Subject) -> bool:
 
 def _settled_by(subject: Subject) -> str:
     """What the author can still do to show that the game can be won."""
-    policy = "a --policy" if subject.policy is None else "a --policy that wins, as the given one does not,"
+    policy = "a --policy" if subject.policy is None else "a --policy that wins (the given one does not)"
     return policy if subject.budget.name == list(BUDGETS)[-1] else f"a larger --budget or {policy}"
 
 

@@ -11,31 +11,34 @@ Sums that a test of the end compares with `==` are computed in floats and in exa
 number, EC056 is an error; if only the order of the additions decides, it is a warning. The same holds for whole numbers
 that a count may skip, such as hearts that an enemy takes in twos.
 
-EC059 also reports a step limit in digits that is not the one which the code declares and uses elsewhere, a reward that
-step() decides after it has paid the reward of its last step, `all(a == b for a, b in zip(...))` of a list that may
-be empty, a use of an action under a test that is never true, a test of an area that starts at -1, where a slice has
-no cells, a reason for the end that never makes terminated true, and a set of drawn places, of which two may be the
-same, where success needs them all.
+EC059 also reports
 
-EC061 is about what step() returns: flags in each other's place, an info that is no dict, and one without the key for
-success that the info of another end has. EC062 is about each branch that brings success nearer: its rewards are
-negative numbers, the step of success pays 0 after all, or a late success costs. EC063 is about an attribute that
-render() counts on, and that step() reads, and about render() that draws from self.np_random. EC064 is about a picture
-of bytes that becomes one of floats. EC065 is about what each step pays, or each step with a button held, if that is
-more than success pays. EC066 is about a flag that only reset() clears: where it is true, the picture shows nothing new.
-EC067 is about a list that is written out and a counter that reads its items: no test and no limit keeps the counter
-below the length. EC068 is about a number that is named for a cost and pays. EC069 is about arrays of unsigned integers:
-distances between them, and colours that pass 255. EC070 is about pixels of a pygame surface that nothing transposes.
-EC071 is about a reward such as `2 ** self.streak`, if nothing limits the streak; where the power grows slowly, it is a
-warning.
+- a step limit in digits that differs from the limit which the code declares and uses elsewhere,
+- a reward that step() keeps for the next step, although the episode ends in this one,
+- `all(a == b for a, b in zip(...))` of a list that may be empty,
+- a use of an action under a test that is never true,
+- a test of an area that starts at -1, because such a slice is empty,
+- a reason for the end that never makes terminated true, and
+- a set of drawn places if success needs all of them, because two places may be the same.
+
+EC061 reports swapped flags, an info that is not a dict, and an info without the key for success that the info of
+another end has. EC062 reports progress with a negative reward, a step of success that pays 0, and a prize that is
+negative for a late success. EC063 reports an attribute that render() updates and step() reads, and a render() that
+draws from self.np_random. EC064 reports a uint8 picture that becomes a float picture. EC065 is about what each step
+pays, or each step with a button held, if that is more than success pays. EC066 is about a flag that only reset()
+clears: where it is true, the picture shows nothing new. EC067 is about a list that is written out and a counter that
+reads its items: no test and no limit keeps the counter below the length. EC068 reports a number that has the name of a
+cost and increases the reward. EC069 is about arrays of unsigned integers: distances between them, and colours that pass
+255. EC070 is about pixels of a pygame surface that nothing transposes. EC071 is about a reward such as
+`2 ** self.streak`, if nothing limits the streak; where the power grows slowly, it is a warning.
 
 EC076 and EC077 are about lines that raise when play comes to them: a name that nothing defines, and arguments that a
 function does not take. EC078 is about a statement that drops its result, such as `np.clip(self.x, 0, 80)`, and EC079
 about a squared distance beside a radius.
 
-The check runs after the others. If play has shown a defect of the same kind, for example EC204 for a draw from a
-global generator, that finding has the reproduction, and this check does not repeat it. A rule that is off by default
-reports only if `--select` names its code.
+The check runs after the others. If play has shown a defect of the same kind, for example EC204 for a draw from a global
+generator, that finding has the reproduction, and this check does not repeat it. A rule that is off by default reports
+only if `--select` names its code, or if its code has a severity.
 
 Only branches under `if self.render_mode == "human"` and functions that nothing calls are left out. The check accepts a
 generator made from `self.np_random` or from the seed, a constant seed for one level that only `reset()` draws, the
@@ -274,21 +277,21 @@ class Lint(Check):
         Rule(
             "EC061",
             "wrong-result",
-            "step() returns its flags in each other's place, or an info that is no dict or lacks success.",
+            "step() swaps its flags, or returns an info that is not a dict or lacks success.",
             "Return observation, reward, terminated, truncated and a dict, in this order.",
             confirmed_by=("EC106", "EC114", "EC501", "EC502", "EC506", "EC507", "EC509", "EC510"),
         ),
         Rule(
             "EC062",
             "success-punished",
-            "What brings success nearer has a negative reward, or the step of success loses its reward.",
+            "Progress towards success has a negative reward, or the step of success loses its reward.",
             "Pay for progress and for success; do not change the sign of the reward.",
             confirmed_by=("EC305", "EC308"),
         ),
         Rule(
             "EC063",
             "render-changes-game",
-            "render() changes what step() decides by, or draws the random numbers of the game.",
+            "render() changes state that step() reads, or draws from the game's random generator.",
             "Change the state and draw random numbers in step(), and only draw the picture in render().",
             confirmed_by=("EC208", "EC501"),
         ),
@@ -324,7 +327,7 @@ class Lint(Check):
         Rule(
             "EC068",
             "cost-pays",
-            "The reward gains by a cost, because its sign is wrong.",
+            "A cost has the wrong sign, so it increases the reward.",
             "Subtract a positive cost, or add a negative one.",
         ),
         Rule(
@@ -367,8 +370,8 @@ class Lint(Check):
         Rule(
             "EC075",
             "time-outlives-clock",
-            "Play sets a counter of steps back, but not a time that it is compared with.",
-            "Set the time where the counter starts again, or count on.",
+            "Play sets a step counter back to 0, but not a time that the code compares with the counter.",
+            "Reset the time together with the counter, or let the counter run on.",
         ),
         Rule(
             "EC076",
@@ -380,7 +383,7 @@ class Lint(Check):
         Rule(
             "EC077",
             "wrong-arguments",
-            "The code calls its own function with arguments that this does not take.",
+            "The code calls one of its functions with arguments that the function does not take.",
             "Give the arguments that the function's definition lists.",
             confirmed_by=("EC008", "EC104", "EC107", "EC112"),
         ),

@@ -29,9 +29,9 @@ bright pixel in some picture. Small pictures may contain codes instead of colour
 contract prescribes.
 
 An agent is invisible if two things hold. In episodes that each hold one move, no picture differs before the rewards and
-flags do. And moves lead to at least three different states of the game that last, or, in episodes that do nothing after
-the first moves, to at least three different results; two results are a warning. A move may become visible late, or
-matter only while its button is pressed.
+flags do. The moves also lead to at least three different, lasting states of the game, or to different results of
+episodes that do nothing after the first moves. Three or more results are an error, and two are a warning. A move may
+become visible late, or matter only while its button is pressed.
 
 From the budget `standard` on, an agent has left the picture if, after one move that is held for 60 steps, all moves
 have the same pictures as doing nothing, and lead to at least three different states.
@@ -41,9 +41,9 @@ different ones a step later, although rewards or ends differ at once. Then an ag
 after it is paid for it. A player with momentum may be seen late, too, but is also paid late.
 
 State is hidden (a warning) if three quarters of all rewards and terminations follow a picture and an action that also
-had another result, and the picture does not make the event more likely. So is what loses if the last action before a
-loss does not lose a few steps later, although no picture changes. The game must not draw random numbers during play.
-Memory games hide state on purpose.
+had another result, and the picture does not make the event more likely. The cause of a loss is hidden, too, if the last
+action of the episode does not lose a few steps later, although no picture changes in between. The game must not draw
+random numbers during play. Memory games hide state on purpose.
 
 Left and right should differ. They are alike (a warning) if three things hold: holding either gives the same pictures
 and rewards, doing nothing gives others, and varied episodes stay the same when one move replaces the other. All four

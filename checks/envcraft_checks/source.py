@@ -152,7 +152,7 @@ class Source(Check):
         Rule(
             "EC011",
             "ignore-comment",
-            "A comment that ignores findings is malformed, or names no rule or no reason.",
+            "An ignore comment is malformed, names an unknown rule or gives no reason.",
             "Write `# envcraft: ignore[CODE] the reason`.",
             Severity.WARNING,
         ),

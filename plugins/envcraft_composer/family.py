@@ -26,7 +26,8 @@ class ComposerFamily(Family):
     name = "composer"
     has_difficulty = True
     summary = (
-        "games of many kinds, assembled from worlds, avatars, goals, dangers, pressures and looks (contract arcade)"
+        "games of many kinds, assembled from worlds, avatars, goals, twists, dangers, pressures and looks "
+        "(contract arcade)"
     )
 
     def generate(self, count: int, seed: int, difficulty: float | None = None) -> Iterator[Generated]:

@@ -178,7 +178,7 @@ def test_a_line_of_the_policy_is_no_line_of_the_game(reports: Reports) -> None:
     ("policy", "words"),
     [
         ("", "a larger --budget or a --policy may settle it"),
-        (RAISES, "a larger --budget or a --policy that wins, as the given one does not, may settle it"),
+        (RAISES, "a larger --budget or a --policy that wins (the given one does not) may settle it"),
     ],
     ids=["none", "raises"],
 )

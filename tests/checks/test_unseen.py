@@ -67,7 +67,7 @@ def warnings(flies: str = FLIES, drawn: str = "pass") -> list[str]:
 
 def test_an_owl_that_is_not_drawn() -> None:
     [message] = warnings()
-    assert message.startswith("no picture shows what loses: in ")
+    assert message.startswith("no picture shows the cause of a loss: in ")
 
 
 @pytest.mark.parametrize(

@@ -139,7 +139,7 @@ def _late(block: list[ast.stmt]) -> Iterator[Suspect]:
                 after = _until_returned(block[start + 1 :], result)
                 for change, name in _changes(after, elts):
                     words = (
-                        f"changes {name} after line {line(built)} has built the result from it, which loses the change"
+                        f"changes {name} after line {line(built)} has built the result, so the result lacks the change"
                     )
                     yield Suspect(line(change), words)
 

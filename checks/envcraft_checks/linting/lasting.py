@@ -23,7 +23,7 @@ def lasting_parts(program: Program) -> Iterator[Suspect]:
                         step := _subtracted(program, ranges, function, field, read)
                     ):
                         words = f"keeps a part of self.{field} until {ast.unparse(read)} is exactly 0"
-                        yield Suspect(line(node), f"{words}, which subtracting {step:g} passes")
+                        yield Suspect(line(node), f"{words}, but subtracting {step:g} skips 0")
 
 
 def _tested(test: ast.expr) -> ast.expr | None:

@@ -19,7 +19,7 @@ def owed_rewards(program: Program) -> Iterator[Suspect]:
                 over = alternatives(step, flags)
                 for node, field, paid in _kept(step, reward, end):
                     if _ends(program, step, node, over) and not _pays_too(program, node, reward):
-                        words = f"changes self.{field} after line {paid} has paid it"
+                        words = f"changes self.{field} after line {paid} has added it to the reward"
                         yield Suspect(line(node), f"{words}, and the episode ends in this step")
 
 

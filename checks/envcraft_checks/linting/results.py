@@ -33,13 +33,11 @@ def misplaced_flags(program: Program) -> Iterator[Suspect]:
     for node, results in _results(step):
         terminated, truncated = results[_TERMINATED], results[_TRUNCATED]
         if (name_of(terminated), name_of(truncated)) == ("truncated", "terminated"):
-            yield Suspect(
-                line(node), "returns truncated in the place of terminated, and terminated in that of truncated"
-            )
+            yield Suspect(line(node), "returns truncated and terminated in the wrong order")
         elif _is_false(truncated) and _includes(program, terminated, step, "truncated"):
-            yield Suspect(line(node), "returns truncated as terminated, and False in the place of truncated")
+            yield Suspect(line(node), "returns truncated as terminated, and False as truncated")
         elif _is_false(terminated) and _includes(program, truncated, step, "terminated"):
-            yield Suspect(line(node), "returns terminated as truncated, and False in the place of terminated")
+            yield Suspect(line(node), "returns terminated as truncated, and False as terminated")
 
 
 def _results(step: Function) -> Iterator[tuple[ast.Return, list[ast.expr]]]:

@@ -92,7 +92,7 @@ def empty_slices(program: Program) -> Iterator[Suspect]:
                     continue
                 field, low = _start(program, ranges, part.lower, function)
                 if field and -math.inf < low < 0 and not _is_tested(program, field):
-                    words = f"reads {ast.unparse(node)[:50]}, which has no cells where it starts at {low:g}"
+                    words = f"reads {ast.unparse(node)[:50]}, which is empty if it starts at {low:g}"
                     yield Suspect(line(node), words)
 
 

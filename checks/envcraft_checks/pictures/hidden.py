@@ -82,9 +82,9 @@ def find_unseen(subject: Subject, traces: list[Trace]) -> Defect | None:
         return None
     loss, waited = unseen[0]
     return Defect(
-        f"no picture shows what loses: in {len(unseen)} episodes the last action does not lose if it comes some steps "
-        f"later, though no picture changes before it, for example {waited} later than step {loss.steps}, and the game "
-        "draws no random numbers during play",
+        f"no picture shows the cause of a loss: in {len(unseen)} episodes the last action does not lose if it is taken "
+        f"some steps later, for example {waited} steps after step {loss.steps}, although no picture changes before it "
+        "and the game draws no random numbers during play",
         loss.rollout.cut(loss.steps),
         {"losses": len(unseen), "step": loss.steps, "waited": waited},
     )

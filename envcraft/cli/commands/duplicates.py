@@ -118,7 +118,8 @@ def diversity(corpus: Path, layers: tuple[str, ...], sample: int, seed: int, for
     type=click.Choice(["duplicates", "family"]),
     default="duplicates",
     show_default=True,
-    help="What stays together. With family and neither --fractions nor --folds, each family is a split.",
+    help="Keep duplicates, or whole families, in one split. With family and neither --fractions nor --folds, each "
+    "family is a split.",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="The seed of the splits.")
 @_LAYERS

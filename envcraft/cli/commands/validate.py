@@ -82,7 +82,7 @@ class _ValidateCommand(Configured):
     metavar="CODES",
     shell_complete=completion.codes,
     help="Report only these rules: codes or their first characters, such as EC204,EC05. Rules that are off "
-    "by default report only if they are selected.",
+    "by default report only if this option or a severity names them.",
 )
 @click.option(
     "--ignore",

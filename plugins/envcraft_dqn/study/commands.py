@@ -203,7 +203,7 @@ def generalisation(
     multiple=True,
     metavar="NAME",
     shell_complete=completion.families,
-    help="A family to study; at least two.  [default: all]",
+    help="A family to study. Repeat the option to name at least two.  [default: all]",
 )
 @click.option(
     "--further",
