@@ -49,7 +49,7 @@ from envcraft.judging.shrink import shrunk
 from envcraft.model import phases
 from envcraft.model.contract import OPTIONAL
 from envcraft.model.rollout import Conditions, Episode, Rollout
-from envcraft.model.verdict import Finding, Severity
+from envcraft.model.verdict import Finding, Repro, Severity
 from envcraft.plugins import hookimpl
 from envcraft.text import with_article
 
@@ -163,7 +163,7 @@ class Api(Check):
         Rule(
             "EC114",
             "info",
-            "info is not a dict with str keys, or its success is no bool.",
+            "info is not a dict with str keys, or its success is not a bool.",
             "Return a dict; it may be empty.",
         ),
         Rule(
@@ -245,15 +245,15 @@ class Api(Check):
                 return
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
-        if finding.code in ("EC101", "EC102"):
-            found = self._judge_spaces(subject)
-        elif finding.code in ("EC103", "EC116", "EC117"):
-            found = self._judge_conventions(subject)
-        else:
-            conditions = Conditions.from_json(finding.repro.conditions)
-            found = self.find(subject, subject.rollout(Rollout(finding.repro.seed, finding.repro.actions, conditions)))
-        again = next((again for again in found if again.code == finding.code), None)
+        again = next((again for again in self._found_again(subject, finding.repro) if again.code == finding.code), None)
         return _placed(subject, again) if again is not None else None
+
+    def _found_again(self, subject: Subject, repro: Repro) -> Iterator[Finding]:
+        """The findings that need no episode, then those of the episode of a reproduction."""
+        yield from self._judge_spaces(subject)
+        yield from self._judge_conventions(subject)
+        conditions = Conditions.from_json(repro.conditions)
+        yield from self.find(subject, subject.rollout(Rollout(repro.seed, repro.actions, conditions)))
 
     def _judge_spaces(self, subject: Subject) -> Iterator[Finding]:
         """Compare the declared spaces with the contract's."""
