@@ -12,9 +12,9 @@ BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --no-compile --constraint constraints.txt
 # uv takes a fraction of pip's time, and where it cannot reach an index that pip is configured for, pip installs.
 INSTALL = $(BIN)/uv pip install --quiet --python $(BIN)/python --constraint constraints.txt $(1) || $(PIP) $(1)
-# On all cores, unlike pip, and without the tests of the libraries. Some libraries have files that are not Python.
-LIBRARIES := $(BIN)/python -m compileall -qq -j 0 -x 'site-packages/.*/tests?/' $$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') || true
-# A worker writes no bytecode: without these files it would compile its modules at each start.
+# A worker writes no bytecode: without these files it would compile what it imports at each start. Compiling whole
+# libraries takes several times as long.
+LIBRARIES = PYTHONDONTWRITEBYTECODE= $(BIN)/python -c 'import $(1)'
 COMPILE := $(BIN)/python -m compileall -q -j 0 envcraft checks sandbox plugins
 
 .PHONY: demo test lint types pytest bench picture docs site dist interpreters new-check clean
@@ -102,7 +102,7 @@ clean:
 
 .venv/core.stamp: .venv/pip.stamp pyproject.toml constraints.txt
 	$(call INSTALL,--editable .)
-	$(LIBRARIES)
+	$(call LIBRARIES,gymnasium)
 	$(COMPILE)
 	@touch $@
 
@@ -110,7 +110,7 @@ clean:
 	# Only pip finds a build without CUDA on every index that has one.
 	$(PIP) torch
 	$(call INSTALL,--editable '.[dev]')
-	$(LIBRARIES)
+	$(call LIBRARIES,gymnasium) & $(call LIBRARIES,torch); wait
 	$(COMPILE)
 	@touch $@ .venv/core.stamp
 
