@@ -34,7 +34,8 @@ cost and increases the reward. EC069 is about arrays of unsigned integers: dista
 
 EC076 and EC077 are about lines that raise when play comes to them: a name that nothing defines, and arguments that a
 function does not take. EC078 is about a statement that drops its result, such as `np.clip(self.x, 0, 80)`, and EC079
-about a squared distance beside a radius.
+about a squared distance beside a radius. EC080 is about tables that a level reads: if the test before `level += 1` lets
+it reach 3, a table of three items is too short.
 
 The check runs after the others. If play has shown a defect of the same kind, for example EC204 for a draw from a global
 generator, that finding has the reproduction, and this check does not repeat it. A rule that is off by default reports
@@ -92,6 +93,7 @@ from .linting.lasting import lasting_parts
 from .linting.late import late_pictures
 from .linting.lateness import late_successes
 from .linting.leftovers import leftovers
+from .linting.levels import outgrown_tables
 from .linting.limits import other_limits
 from .linting.logic import contradictions, divisions
 from .linting.offscreen import offscreen_drawings
@@ -190,6 +192,7 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC077", wrong_arguments),
     ("EC078", discarded_results),
     ("EC079", squared_distances),
+    ("EC080", outgrown_tables),
 )
 
 
@@ -398,6 +401,13 @@ class Lint(Check):
             "squared-distance",
             "A test compares a squared distance with a distance.",
             "Square the other side as well: `dx * dx + dy * dy <= reach * reach`.",
+        ),
+        Rule(
+            "EC080",
+            "table-too-short",
+            "A level may reach a number for which a table has no item.",
+            "Give each table that the level reads one item per level, the highest included.",
+            confirmed_by=("EC107",),
         ),
     )
 

@@ -31,7 +31,7 @@ def short_lists(program: Program) -> Iterator[Suspect]:
             if not isinstance(node, ast.Subscript) or not isinstance(node.ctx, ast.Load):
                 continue
             field = function.field(node.slice)
-            if not field or (length := _length(program, node.value, function)) is None:
+            if not field or (length := fixed_length(program, node.value, function)) is None:
                 continue
             if field not in counters:
                 counters[field] = _counter(program, field)
@@ -42,7 +42,7 @@ def short_lists(program: Program) -> Iterator[Suspect]:
             yield Suspect(line(node), words, certain=False)
 
 
-def _length(program: Program, node: ast.expr, function: Function) -> int | None:
+def fixed_length(program: Program, node: ast.expr, function: Function) -> int | None:
     """The number of items of a list or a tuple that is written out and never gets another; None if it is not known."""
     field = function.field(node)
     if not field and not isinstance(node, ast.Name):

@@ -20,9 +20,20 @@ def shared_items(program: Program) -> Iterator[Suspect]:
         for target, node in function.writes:
             if not isinstance(target, ast.Name) or target.id not in tables or _place_in_item(node) in renewed:
                 continue
-            if isinstance(node, ast.Call) or isinstance(program.parents[node], ast.AugAssign):
+            if isinstance(node, ast.Call) or _counts_on(program.parents[node], node):
                 words = f"writes into an item of {tables[target.id]} of the module, which all instances share"
                 yield Suspect(line(node), words)
+
+
+def _counts_on(statement: ast.AST, place: ast.AST) -> bool:
+    """Whether a statement computes the new value of a place from the old one."""
+    match statement:
+        case ast.AugAssign():
+            return True
+        case ast.Assign(value=value):
+            old = ast.unparse(place)
+            return any(isinstance(node, ast.Subscript) and ast.unparse(node) == old for node in ast.walk(value))
+    return False
 
 
 def _place_in_item(node: ast.AST) -> str:
@@ -50,11 +61,49 @@ def _tables_of_items(program: Program, function: Function) -> dict[str, str]:
                     items = None
             case _:
                 continue
-        match target, items:
-            case ast.Name(), ast.Name(id=table) if table not in function.local and _holds_containers(program, table):
-                found[target.id] = table
+        table = _table(program, function, items)
+        if isinstance(target, ast.Name) and _holds_containers(program, table):
+            found[target.id] = table
     counts = [node.id for node in function.nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]
     return {name: table for name, table in found.items() if counts.count(name) == 1}
+
+
+def _table(program: Program, function: Function, node: ast.AST | None) -> str:
+    """The table of the module that a node names, or whose items an attribute of ``self`` holds; "" if it is neither."""
+    if isinstance(node, ast.Name):
+        return "" if node.id in function.local else node.id
+    if not (field := function.field(node)) or program.bound_to(function) != program.env:
+        return ""
+    values = program.field_values(program.env).get(field, ())
+    tables = [(_copied(value) if value is not None else None, method) for value, method in values]
+    names = {_table(program, method, table) if isinstance(table, ast.Name) else "" for table, method in tables}
+    return names.pop() if len(names) == 1 else ""
+
+
+def _copied(value: ast.expr) -> ast.expr:
+    """The table of which an expression is a copy with the same items; the expression itself if it is none."""
+    match value:
+        case ast.Call(func=ast.Name(id="dict" | "list" | "tuple"), args=[table], keywords=[]):
+            return table
+        case ast.Call(func=ast.Attribute(value=ast.Name(id="copy"), attr="copy"), args=[table]):
+            return table
+        case ast.Call(func=ast.Attribute(value=table, attr="copy"), args=[], keywords=[]):
+            return table
+        case ast.Dict(keys=[None], values=[table]) | ast.List(elts=[ast.Starred(value=table)]):
+            return table
+        case ast.ListComp(elt=ast.Name(id=item), generators=[ast.comprehension(target=ast.Name(id=each), iter=table)]):
+            return table if item == each else value
+        case ast.DictComp(
+            value=ast.Name(id=item),
+            generators=[
+                ast.comprehension(
+                    target=ast.Tuple(elts=[_, ast.Name(id=each)]),
+                    iter=ast.Call(func=ast.Attribute(value=table, attr="items")),
+                )
+            ],
+        ):
+            return table if item == each else value
+    return value
 
 
 def _holds_containers(program: Program, name: str) -> bool:
