@@ -6,7 +6,7 @@ import ast
 from collections.abc import Iterator
 from typing import cast
 
-from .program import Function, Program, Suspect, caught, line
+from .program import Function, Program, Suspect, bindings, caught, line
 from .ranges import Ranges
 from .running_out import fixed_length
 
@@ -64,6 +64,7 @@ def _highest(program: Program, steps: list[Function], name: str) -> tuple[int, s
                     return unknown
                 tests.add(found[0])
                 highest.append(found[1])
+    given = {target: value for target, value, _ in bindings(program.nodes)}
     increments = 0
     for node in program.nodes:
         if not isinstance(node, ast.Attribute) or node.attr != name:
@@ -71,7 +72,8 @@ def _highest(program: Program, steps: list[Function], name: str) -> tuple[int, s
         parent = program.parents[node]
         if isinstance(node.ctx, ast.Store):
             increments += _is_increment(parent)
-            if not _is_increment(parent) and not _starts(parent):
+            start = given.get(node)
+            if not _is_increment(parent) and not (isinstance(start, ast.Constant) and isinstance(start.value, int)):
                 return unknown
         elif isinstance(node.ctx, ast.Del) or _decides(program, node, tests):
             return unknown
@@ -93,14 +95,6 @@ def _decides(program: Program, node: ast.AST, tests: set[ast.AST]) -> bool:
     match node:
         # Tests may look at the other name.
         case ast.Assign(value=ast.Attribute()) | ast.Return():
-            return True
-    return False
-
-
-def _starts(statement: ast.AST) -> bool:
-    """Whether a statement assigns a number."""
-    match statement:
-        case ast.Assign(value=ast.Constant(value=int())) | ast.AnnAssign(value=ast.Constant(value=int())):
             return True
     return False
 

@@ -1,0 +1,146 @@
+"""What lint says of tables that a level reads, of copies that share their items, and of loads that skip a number."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.checks.lint_games import found
+
+GAME = """
+import copy
+import gymnasium as gym
+PRICES, REACH, MORE = (2, 3, 5), (1, 2, 3), (1, 2, 3, 4)
+KINDS = {{"plum": {{"speed": 2}}, "pear": {{"speed": 3}}}}
+LOAD = 15
+class Tower:
+    def __init__(self, x):
+        self.x, self.level = x, 0
+class Game(gym.Env):
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.t = self.coins = self.load = 0
+        self.tower, self.towers = Tower(3), [Tower(1), Tower(2)]
+        self.fruit = []
+        {reset}
+        return self.t, {{}}
+    def step(self, action):
+        self.t += 1
+        self.coins += int(action[0] == 1)
+        {step}
+        won = {won}
+        return self.t, float(won), won, self.t > 99, {{"is_success": won}}
+    def grow(self):
+        {grow}
+"""
+BUY = "if action[1] and {test}:\n    self.tower.level += 1\n"
+SHOOT = "self.coins -= REACH[self.tower.level]"
+BOUGHT = BUY.format(test="self.tower.level < len(PRICES)")
+SCOPE = {"EC053", "EC056", "EC080"}
+
+
+def codes(step: str, reset: str = "pass", grow: str = "pass", won: str = "self.coins > 20") -> set[str]:
+    parts = {"step": step, "reset": reset, "grow": grow}
+    return (
+        found(GAME.format(won=won, **{name: text.replace("\n", "\n        ") for name, text in parts.items()})) & SCOPE
+    )
+
+
+@pytest.mark.parametrize(
+    "test",
+    [
+        "self.tower.level < len(PRICES)",
+        "self.tower.level < 3",
+        "self.tower.level <= len(PRICES) - 1",
+        "self.coins > PRICES[0] and self.tower.level < len(PRICES)",
+    ],
+)
+def test_a_level_that_outgrows_a_table(test: str) -> None:
+    assert codes(BUY.format(test=test) + SHOOT) == {"EC080"}
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        BOUGHT + "self.coins -= MORE[self.tower.level]",
+        BUY.format(test="self.tower.level < len(PRICES) - 1") + SHOOT,
+        BUY.format(test="self.tower.level < 2") + SHOOT,
+        BUY.format(test="self.tower.level < len(PRICES) or self.t > 4") + SHOOT,
+        BUY.format(test="self.t < 5") + SHOOT,
+        BOUGHT + "self.coins -= REACH[min(self.tower.level, 2)]",
+        BOUGHT + "if self.tower.level < 3:\n    " + SHOOT,
+        BUY.format(test="self.tower.level < len(PRICES) and self.coins > PRICES[self.tower.level]"),
+        BOUGHT + "self.tower.level %= 3\n" + SHOOT,
+        BOUGHT + f"try:\n    {SHOOT}\nexcept IndexError:\n    pass",
+        BOUGHT + f"level = self.tower.level\nif level == 3: level = 2\n{SHOOT}",
+    ],
+)
+def test_a_level_that_fits(step: str) -> None:
+    assert codes(step) == set()
+
+
+def test_a_level_that_ends_the_episode() -> None:
+    assert codes(BOUGHT + SHOOT, won="self.tower.level == 3") == set()
+
+
+FASTER = "for kind in self.kinds.values():\n    kind['speed'] = kind['speed'] + 1"
+
+
+@pytest.mark.parametrize(
+    "copied",
+    [
+        "KINDS",
+        "dict(KINDS)",
+        "KINDS.copy()",
+        "copy.copy(KINDS)",
+        "{**KINDS}",
+        "{name: kind for name, kind in KINDS.items()}",
+    ],
+)
+def test_copies_with_the_same_items(copied: str) -> None:
+    assert codes(FASTER, reset=f"self.kinds = {copied}") == {"EC053"}
+
+
+@pytest.mark.parametrize(
+    ("step", "copied"),
+    [
+        (FASTER, "copy.deepcopy(KINDS)"),
+        (FASTER, "{name: dict(kind) for name, kind in KINDS.items()}"),
+        (FASTER, "{name: {**kind} for name, kind in KINDS.items()}"),
+        ("for kind in self.kinds.values():\n    kind['speed'] = self.t", "dict(KINDS)"),
+        ("for kind in self.kinds:\n    self.kinds[kind] = {'speed': self.t}", "dict(KINDS)"),
+    ],
+)
+def test_copies_of_their_own(step: str, copied: str) -> None:
+    assert codes(step, reset=f"self.kinds = {copied}") == set()
+
+
+def test_a_table_that_reset_writes_back() -> None:
+    assert (
+        codes(FASTER, reset="self.kinds = dict(KINDS)\nfor kind in self.kinds.values():\n    kind['speed'] = 2")
+        == set()
+    )
+
+
+GROW = "worth = 3 if self.np_random.random() < 0.5 else 1\nself.fruit.append((self.t, worth))"
+TAKE = "for fruit in list(self.fruit):\n    self.fruit.remove(fruit)\n    self.load += fruit[1]\nself.grow()"
+NAMED = "for place, worth in self.fruit:\n    self.load += worth\nself.grow()"
+
+
+@pytest.mark.parametrize("step", [TAKE, NAMED])
+def test_a_load_of_two_weights_skips_the_number(step: str) -> None:
+    assert codes(step, grow=GROW, won="self.load == LOAD") == {"EC056"}
+
+
+@pytest.mark.parametrize(
+    ("step", "grow", "won"),
+    [
+        (TAKE, GROW, "self.load >= LOAD"),
+        (TAKE, GROW.replace("3 if", "1 if"), "self.load == LOAD"),
+        (TAKE, GROW.replace("self.t, worth", "worth, self.t"), "self.load == LOAD"),
+        (TAKE, GROW + "\nself.fruit.append(self.other())", "self.load == LOAD"),
+        (TAKE, GROW + "\nself.other(self.fruit)", "self.load == LOAD"),
+        (TAKE.replace("self.load +=", "if self.load + fruit[1] <= LOAD: self.load +="), GROW, "self.load == LOAD"),
+    ],
+)
+def test_a_load_that_may_meet_the_number(step: str, grow: str, won: str) -> None:
+    assert codes(step, grow=grow, won=won) == set()
