@@ -10,6 +10,8 @@ GAME = """
 import copy
 import gymnasium as gym
 PRICES, REACH, MORE = (2, 3, 5), (1, 2, 3), (1, 2, 3, 4)
+DEAR, MODES, GROWN = (2, 3, float("inf")), ("net", "rod", "magnet"), [1, 2, 3]
+GROWN.append(4)
 KINDS = {{"plum": {{"speed": 2}}, "pear": {{"speed": 3}}}}
 LOAD = 15
 class Tower:
@@ -52,6 +54,7 @@ def codes(step: str, reset: str = "pass", grow: str = "pass", won: str = "self.c
         "self.tower.level < 3",
         "self.tower.level <= len(PRICES) - 1",
         "self.coins > PRICES[0] and self.tower.level < len(PRICES)",
+        "len(PRICES) > self.tower.level",
     ],
 )
 def test_a_level_that_outgrows_a_table(test: str) -> None:
@@ -72,6 +75,15 @@ def test_a_level_that_outgrows_a_table(test: str) -> None:
         BOUGHT + "self.tower.level %= 3\n" + SHOOT,
         BOUGHT + f"try:\n    {SHOOT}\nexcept IndexError:\n    pass",
         BOUGHT + f"level = self.tower.level\nif level == 3: level = 2\n{SHOOT}",
+        BUY.format(test="self.tower.level < len(DEAR)") + SHOOT,
+        BOUGHT + "self.coins -= GROWN[self.tower.level]",
+        BOUGHT + "if MODES[self.tower.level] == 'magnet' or self.coins < REACH[self.tower.level]: self.coins = 0",
+        BOUGHT + f"left = 3 - self.tower.level\nif left: {SHOOT}",
+        BOUGHT + f"if not self.best(self.tower.level): {SHOOT}",
+        BOUGHT + "    self.bought = True\n" + SHOOT,
+        BOUGHT + "    self.celebrate()\n" + SHOOT,
+        BOUGHT + "for level in self.towers:\n    self.coins -= REACH[level.level]",
+        BOUGHT + BUY.format(test="self.tower.level < 1") + SHOOT,
     ],
 )
 def test_a_level_that_fits(step: str) -> None:
@@ -96,8 +108,11 @@ FASTER = "for kind in self.kinds.values():\n    kind['speed'] = kind['speed'] + 
         "{name: kind for name, kind in KINDS.items()}",
     ],
 )
-def test_copies_with_the_same_items(copied: str) -> None:
-    assert codes(FASTER, reset=f"self.kinds = {copied}") == {"EC053"}
+@pytest.mark.parametrize(
+    "step", [FASTER, "self.kinds['plum']['speed'] = max(4, self.kinds['plum']['speed'] - 1)"], ids=["loop", "item"]
+)
+def test_copies_with_the_same_items(copied: str, step: str) -> None:
+    assert codes(step, reset=f"self.kinds = {copied}") == {"EC053"}
 
 
 @pytest.mark.parametrize(
@@ -108,6 +123,10 @@ def test_copies_with_the_same_items(copied: str) -> None:
         (FASTER, "{name: {**kind} for name, kind in KINDS.items()}"),
         ("for kind in self.kinds.values():\n    kind['speed'] = self.t", "dict(KINDS)"),
         ("for kind in self.kinds:\n    self.kinds[kind] = {'speed': self.t}", "dict(KINDS)"),
+        (FASTER, "dict(KINDS)\nfor name in self.kinds: self.kinds[name] = dict(self.kinds[name])"),
+        (FASTER, "dict(KINDS)\nself.__dict__.update(copy.deepcopy(KINDS))"),
+        ("for kind in self.kinds.values(): kind.setdefault('tile', 3)", "dict(KINDS)"),
+        ("for kind in self.kinds.values():\n    kind['speed'] += 2\n    kind['speed'] -= 2", "dict(KINDS)"),
     ],
 )
 def test_copies_of_their_own(step: str, copied: str) -> None:
@@ -140,6 +159,11 @@ def test_a_load_of_two_weights_skips_the_number(step: str) -> None:
         (TAKE, GROW + "\nself.fruit.append(self.other())", "self.load == LOAD"),
         (TAKE, GROW + "\nself.other(self.fruit)", "self.load == LOAD"),
         (TAKE.replace("self.load +=", "if self.load + fruit[1] <= LOAD: self.load +="), GROW, "self.load == LOAD"),
+        (TAKE.replace("self.load +=", "if self.t > self.load: self.load +="), GROW, "self.load == LOAD"),
+        (TAKE.replace("self.load +=", "if fruit[1] < 2: self.load +="), GROW, "self.load == LOAD"),
+        ("room = LOAD - self.load\n" + TAKE, GROW, "self.load == LOAD"),
+        ("if action[1]: self.load = 0\n" + TAKE, GROW, "self.load == LOAD"),
+        (TAKE.replace("\nself.grow()", ""), GROW, "self.load == LOAD"),
     ],
 )
 def test_a_load_that_may_meet_the_number(step: str, grow: str, won: str) -> None:

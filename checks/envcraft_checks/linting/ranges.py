@@ -54,8 +54,6 @@ def names_end(name: str) -> bool:
     return any(part in name for part in _PARTS) or not _WORDS.isdisjoint(name.split("_"))
 
 
-#: Functions that leave a list as it is.
-_READERS = frozenset({"all", "any", "bool", "enumerate", "len", "list", "reversed", "set", "sorted", "tuple"})
 #: The longest chain of names that lead to a number.
 _CHAIN = 20
 
@@ -293,82 +291,15 @@ class Ranges:
             case ast.Name(id=name) if method is not None and name in method.local and name not in method.parameters:
                 if not any(isinstance(target, ast.Name) and target.id == name for target, _ in method.writes):
                     parts = [(value, method) for value, _ in self.program.values(node, method)]
-                    parts = [*self._places(node, None, method)] if parts == [(None, method)] else parts
             case ast.Attribute(attr=attr) if method is not None and not method.field(node):
                 # The attribute of another object, such as of an enemy.
                 parts = [*self._elsewhere(attr)]
             case ast.Attribute() if method is not None and not self.changes(node, method):
                 parts = [(value, method) for value, _ in self.program.values(node, method)]
-            case ast.Subscript(value=ast.Name() as part, slice=ast.Constant(value=int() as place)) if (
-                method is not None and part.id in method.local
-            ):
-                parts = [*self._places(part, place, method)]
             case ast.Subscript():
                 parts = [(one, method) for one in self._items(node, method)]
         found = [self.numbers(one, owner, depth - 1) if depth else set() for one, owner in parts]
         return set().union(*found) if all(found) else set()
-
-    def _places(self, name: ast.Name, place: int | None, method: Function) -> Iterator[tuple[ast.expr, Function]]:
-        """The values of one place of the tuples in a list of the environment, which a loop names as a whole, or by
-        places: ``coin[2]`` in ``for coin in self.coins``, or ``worth`` in ``for x, y, worth in self.coins``.
-        """
-        loops = [
-            node
-            for node in method.nodes
-            if isinstance(node, ast.For) and name.id in map(name_of, ast.walk(node.target))
-        ]
-        stores = [node for node in method.nodes if isinstance(node, ast.Name) and node.id == name.id]
-        if len(loops) != 1 or sum(isinstance(node.ctx, ast.Store) for node in stores) != 1:
-            return
-        match loops[0].target:
-            case ast.Tuple(elts=names) if place is None and not any(isinstance(one, ast.Starred) for one in names):
-                place = next((number for number, one in enumerate(names) if name_of(one) == name.id), None)
-            case ast.Name() if place is not None:
-                pass
-            case _:
-                return
-        match loops[0].iter:
-            case ast.Call(func=ast.Name(id="list" | "tuple" | "sorted" | "reversed"), args=[listed]):
-                pass
-            case ast.Subscript(value=listed, slice=ast.Slice(lower=None, upper=None)):
-                pass
-            case listed:
-                pass
-        if place is not None and (field := method.field(listed)) and self.program.bound_to(method) == self.program.env:
-            tuples = list(self._tuples(field))
-            if all(part is not None and place < len(part.elts) for part, _ in tuples):
-                yield from ((part.elts[place], owner) for part, owner in tuples if part is not None)
-
-    def _tuples(self, field: str) -> Iterator[tuple[ast.Tuple | None, Function]]:
-        """The tuples that the environment puts in a list of its own; None for anything else, or if the list may change
-        under another name.
-        """
-        for method in self.methods:
-            for node in method.nodes:
-                if method.field(node) != field:
-                    continue
-                outer = self.program.parents[node]
-                call = self.program.parents.get(outer)
-                match outer, call:
-                    case ast.Attribute(attr="append"), ast.Call(args=[ast.Tuple() as part]):
-                        yield part, method
-                    case ast.Attribute(attr="remove" | "pop" | "popleft" | "clear" | "index" | "count"), ast.Call():
-                        pass
-                    case (
-                        (ast.For() | ast.comprehension() | ast.Compare() | ast.If() | ast.BoolOp() | ast.UnaryOp()),
-                        _,
-                    ):
-                        pass
-                    case ast.Call(func=ast.Name(id=name)), _ if name in _READERS:
-                        pass
-                    case ast.Subscript(ctx=ast.Load(), slice=ast.Slice(lower=None, upper=None)), ast.For():
-                        pass
-                    case ((ast.Assign() | ast.AnnAssign()), _) if isinstance(node, ast.Attribute) and isinstance(
-                        node.ctx, ast.Store
-                    ):
-                        yield from ((part, method) for part in _listed(getattr(outer, "value", None), field, method))
-                    case _:
-                        yield None, method
 
     def _items(self, node: ast.Subscript, method: Function | None) -> list[ast.expr]:
         """The expressions in a table that a subscript may be, such as ``WEIGHTS[kind]`` or ``FISH[kind][0]``."""
@@ -394,9 +325,10 @@ class Ranges:
                 return []
             items = table.values if isinstance(table, ast.Dict) else table.elts
             if key is None:
-                # A member of an enum, or a limited index, is not any item.
+                # A member of an enum, a limited index or a turn is not any item.
                 other = isinstance(node.slice, ast.Attribute) and not owned
-                if other or name_of(node.slice) in ("clip", "max", "min"):
+                turn = isinstance(node.slice, ast.BinOp) and method is not None and bool(method.field(node.slice.left))
+                if other or turn or name_of(node.slice) in ("clip", "max", "min"):
                     return []
                 found += items
             elif isinstance(table, ast.Dict):
@@ -431,20 +363,6 @@ class Ranges:
             )
         # A name of the module is constant if it is written like one.
         return not name.isupper()
-
-
-def _listed(value: ast.expr | None, field: str, method: Function) -> Iterator[ast.Tuple | None]:
-    """The tuples in a list that is written out, or made by a comprehension; None for anything else."""
-    match value:
-        case ast.List(elts=items):
-            yield from (item if isinstance(item, ast.Tuple) else None for item in items)
-        case ast.ListComp(elt=ast.Tuple() as item):
-            yield item
-        case ast.ListComp(elt=ast.Name(id=kept), generators=[ast.comprehension(target=ast.Name(id=each), iter=listed)]):
-            if kept != each or method.field(listed) != field:
-                yield None
-        case _:
-            yield None
 
 
 def _choices(value: ast.expr | None) -> list[ast.expr | None]:

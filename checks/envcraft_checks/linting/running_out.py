@@ -11,6 +11,8 @@ from .program import Function, Program, Suspect, line, name_of
 from .ranges import Ranges
 
 _LIMITS = frozenset({"clip", "max", "maximum", "min", "minimum"})
+#: Functions that leave a list as it is.
+_READERS = frozenset({"array", "enumerate", "len", "list", "max", "min", "reversed", "sorted", "sum", "tuple", "zip"})
 _CAUGHT = frozenset({"", "BaseException", "Exception", "IndexError", "LookupError"})
 
 
@@ -55,11 +57,25 @@ def fixed_length(program: Program, node: ast.expr, function: Function) -> int | 
     ]
     name = field or name_of(node)
     grown = any(
-        name_of(target) == name and not isinstance(statement, ast.Subscript)
-        for each in program.all
-        for target, statement in each.writes
+        name_of(node) == name and not _keeps_length(program, node)
+        for node in program.nodes
+        if isinstance(node, ast.Name | ast.Attribute)
     )
     return max(lengths) if lengths and len(lengths) == len(values) and not grown else None
+
+
+def _keeps_length(program: Program, node: ast.AST) -> bool:
+    """Whether a use of a list reads it, assigns it or changes one item."""
+    match program.parents[node]:
+        case ast.Subscript(value=value, slice=index, ctx=context) if value is node:
+            return isinstance(context, ast.Load) or not isinstance(index, ast.Slice)
+        case ast.Call(func=func):
+            return func is not node and name_of(func) in _READERS
+        case ast.For() | ast.comprehension() | ast.Compare() | ast.Assign() | ast.AnnAssign() | ast.Tuple():
+            return True
+        case ast.Subscript():
+            return True
+    return False
 
 
 def _counter(program: Program, field: str) -> _Counter | None:
@@ -133,12 +149,12 @@ def _is_read_only(program: Program, node: ast.AST) -> bool:
 def _is_caught(program: Program, node: ast.AST, function: Function) -> bool:
     while node is not function.node:
         child, node = node, program.parents[node]
-        if isinstance(node, ast.Try) and child in node.body:
-            kinds = [
-                kind
-                for handler in node.handlers
-                for kind in (handler.type.elts if isinstance(handler.type, ast.Tuple) else [handler.type])
-            ]
-            if any(kind is None or name_of(kind) in _CAUGHT for kind in kinds):
-                return True
+        if isinstance(node, ast.Try) and child in node.body and any(map(catches_index_errors, node.handlers)):
+            return True
     return False
+
+
+def catches_index_errors(handler: ast.ExceptHandler) -> bool:
+    """Whether a handler catches the error of an index, or all errors."""
+    kinds = handler.type.elts if isinstance(handler.type, ast.Tuple) else [handler.type]
+    return any(kind is None or name_of(kind) in _CAUGHT for kind in kinds)

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from .ends import exact_tests
 from .program import Function, Program, Suspect, line, name_of
 from .ranges import Ranges
+from .tuples import numbers_in_tuples
 
 #: Names under which another object may know the environment.
 _ENVIRONMENT = re.compile(r"env|game|world|state|owner|parent", re.I)
@@ -57,8 +58,28 @@ class _Count:
         """Whether a node may set the attribute in a way that the methods of the environment do not show."""
         match node:
             case ast.Attribute(value=owner, attr=attr, ctx=ast.Store() | ast.Del()) if attr == self._field:
-                return bool(_ENVIRONMENT.search(name_of(owner)))
+                given = {name for one in self._program.functions.values() for name in one.parameters}
+                return bool(_ENVIRONMENT.search(name_of(owner))) or name_of(owner) in given
         return name_of(node) in ("__dict__", "setattr", "vars")
+
+    def _is_weighed(self) -> bool:
+        """Whether play calculates with the attribute, or compares it by size, beside what it adds: it may then keep the
+        number from being skipped, or end the episode. A count that is set back may come to the number again.
+        """
+        for method in self._program.reached("step"):
+            for target, _, _ in method.bindings:
+                if method.field(target) == self._field:
+                    return True
+            for node in method.nodes:
+                parts: list[ast.expr] = []
+                match node:
+                    case ast.BinOp(left=left, op=ast.Add() | ast.Sub(), right=right):
+                        parts = [left, right]
+                    case ast.Compare(left=left, ops=[ast.Lt() | ast.LtE() | ast.Gt() | ast.GtE()], comparators=others):
+                        parts = [left, *others]
+                if any(method.field(part) == self._field for part in parts):
+                    return True
+        return self._program.method(self._program.env, self._field) is not None
 
     @property
     def one_way(self) -> bool:
@@ -76,6 +97,8 @@ class _Count:
 
     def _add(self, op: ast.operator, value: ast.expr, node: ast.AST, method: Function) -> None:
         numbers = self._ranges.numbers(value, method) if isinstance(op, ast.Add | ast.Sub) else set()
+        if method is not None and not numbers and isinstance(op, ast.Add | ast.Sub) and not self._is_weighed():
+            numbers = numbers_in_tuples(self._ranges, value, method)
         # A test of the sum may keep it from going past the number.
         self._known &= bool(numbers) and not self._is_tested(node, method, in_sum=True)
         for number in numbers - {0.0}:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 
-from .program import Function, Program, Suspect, line
+from .program import MUTATORS, Function, Program, Suspect, line, name_of
 
 
 def shared_items(program: Program) -> Iterator[Suspect]:
@@ -14,26 +14,47 @@ def shared_items(program: Program) -> Iterator[Suspect]:
     """
     stepping = set(program.reached("step"))
     others = [one for one in program.all if one not in stepping or program.bound_to(one) != program.env]
-    renewed = {_place_in_item(node) for one in (*others, *program.reached("reset")) for _, node in one.writes}
+    resetting = [node for one in (*others, *program.reached("reset")) for _, node in one.writes]
+    if any(isinstance(node, ast.Call) and name_of(node) == "update" for node in resetting):
+        return
+    renewed = {_place_in_item(node) for node in resetting}
     for function in program.reached("step"):
         tables = _tables_of_items(program, function)
         for target, node in function.writes:
-            if not isinstance(target, ast.Name) or target.id not in tables or _place_in_item(node) in renewed:
-                continue
-            if isinstance(node, ast.Call) or _counts_on(program.parents[node], node):
-                words = f"writes into an item of {tables[target.id]} of the module, which all instances share"
+            table = tables.get(target.id, "") if isinstance(target, ast.Name) else ""
+            match node:
+                case ast.Subscript(value=ast.Subscript(value=copied)) if copied is target and function.field(target):
+                    table = _table(program, function, target)
+            kept = _holds_containers(program, table) and _place_in_item(node) not in renewed
+            if kept and _counts_on(program, node) and not _is_taken_back(program, node, function):
+                words = f"writes into an item of {table} of the module, which all instances share"
                 yield Suspect(line(node), words)
 
 
-def _counts_on(statement: ast.AST, place: ast.AST) -> bool:
-    """Whether a statement computes the new value of a place from the old one."""
-    match statement:
+def _counts_on(program: Program, write: ast.AST) -> bool:
+    """Whether a write depends on what the place had before."""
+    if isinstance(write, ast.Call):
+        return name_of(write) not in ("setdefault", "sort")
+    match program.parents[write]:
         case ast.AugAssign():
             return True
         case ast.Assign(value=value):
-            old = ast.unparse(place)
-            return any(isinstance(node, ast.Subscript) and ast.unparse(node) == old for node in ast.walk(value))
+            old = ast.unparse(write)
+            sums = (node for node in ast.walk(value) if isinstance(node, ast.BinOp))
+            return any(ast.unparse(side) == old for one in sums for side in (one.left, one.right))
     return False
+
+
+def _is_taken_back(program: Program, write: ast.AST, function: Function) -> bool:
+    """Whether the function also subtracts from a place to which it adds, or the reverse."""
+    outer = program.parents[write]
+    return isinstance(outer, ast.AugAssign) and any(
+        isinstance(node, ast.AugAssign)
+        and node is not outer
+        and type(node.op) is not type(outer.op)
+        and ast.unparse(node.target) == ast.unparse(outer.target)
+        for node in function.nodes
+    )
 
 
 def _place_in_item(node: ast.AST) -> str:
@@ -65,6 +86,8 @@ def _tables_of_items(program: Program, function: Function) -> dict[str, str]:
         if isinstance(target, ast.Name) and _holds_containers(program, table):
             found[target.id] = table
     counts = [node.id for node in function.nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]
+    counts += [node.name or "" for node in function.nodes if isinstance(node, ast.MatchAs | ast.MatchStar)]
+    counts += [node.arg for node in function.nodes if isinstance(node, ast.arg)] + function.parameters
     return {name: table for name, table in found.items() if counts.count(name) == 1}
 
 
@@ -74,10 +97,31 @@ def _table(program: Program, function: Function, node: ast.AST | None) -> str:
         return "" if node.id in function.local else node.id
     if not (field := function.field(node)) or program.bound_to(function) != program.env:
         return ""
+    if _is_changed(program, field):
+        return ""
     values = program.field_values(program.env).get(field, ())
     tables = [(_copied(value) if value is not None else None, method) for value, method in values]
     names = {_table(program, method, table) if isinstance(table, ast.Name) else "" for table, method in tables}
     return names.pop() if len(names) == 1 else ""
+
+
+def _is_changed(program: Program, field: str) -> bool:
+    """Whether the code may give an attribute other items than those of a table: by an item, or under another name."""
+    methods = program.methods(program.env)
+    own = {node for one in methods for node in one.nodes if one.field(node) == field}
+    for node in program.nodes:
+        match node:
+            case ast.Attribute(attr=attr, ctx=ast.Store()) if attr == field and node not in own:
+                return True
+            case ast.Attribute(attr=attr) if attr == field:
+                outer = program.parents[node]
+                if isinstance(outer, ast.Subscript) and not isinstance(outer.ctx, ast.Load):
+                    return True
+                if isinstance(outer, ast.Attribute) and outer.attr in MUTATORS:
+                    return True
+        if name_of(node) in ("__dict__", "setattr", "vars"):
+            return True
+    return False
 
 
 def _copied(value: ast.expr) -> ast.expr:
