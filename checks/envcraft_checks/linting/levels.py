@@ -125,7 +125,29 @@ def _decides(program: Program, node: ast.AST, tests: set[ast.AST]) -> bool:
                 return node not in tests
             case ast.Call() if name_of(node) not in _PLAIN:
                 return True
-    return isinstance(node, ast.Assign | ast.AnnAssign | ast.If | ast.While | ast.Assert | ast.Return | ast.Match)
+    match node:
+        case ast.Assign(targets=targets):
+            names = {name_of(one) for target in targets for one in ast.walk(target)}
+            return any(isinstance(one, ast.Attribute) for one in targets) or _tests_any(program, node, names)
+    return isinstance(node, ast.AnnAssign | ast.If | ast.While | ast.Assert | ast.Return | ast.Match)
+
+
+def _tests_any(program: Program, statement: ast.stmt, names: set[str]) -> bool:
+    """Whether a test of the function in which a statement stands reads one of these names."""
+    function: ast.AST = statement
+    while not isinstance(function, ast.FunctionDef | ast.Module):
+        function = program.parents[function]
+    for node in ast.walk(function):
+        match node:
+            case ast.If(test=test) | ast.IfExp(test=test) | ast.While(test=test) | ast.Assert(test=test):
+                pass
+            case ast.Match(subject=test) | (ast.Compare() | ast.BoolOp() as test):
+                pass
+            case _:
+                continue
+        if any(isinstance(one, ast.Name) and one.id in names for one in ast.walk(test)):
+            return True
+    return False
 
 
 def _has_numbers(program: Program, table: ast.expr) -> bool:
