@@ -6,9 +6,9 @@ import ast
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from .program import Function, Program, Suspect, bindings, line, name_of
+from .program import Function, Program, Suspect, bindings, catches, line, name_of
 from .ranges import Ranges
-from .running_out import catches_index_errors, fixed_length
+from .running_out import fixed_length
 
 #: Calls that leave a level as it is, or limit it.
 _PLAIN = frozenset({"float", "int", "len", "max", "min", "range", "str"})
@@ -74,7 +74,7 @@ def _level(program: Program, name: str) -> _Level | None:
     step may keep a table from being read. No error of an index may be caught.
     """
     handlers = (node for one in program.play for node in one.nodes if isinstance(node, ast.ExceptHandler))
-    if any(map(catches_index_errors, handlers)):
+    if any(catches(handler, "IndexError", "LookupError") for handler in handlers):
         return None
     ranges = Ranges(program)
     given = {target: value for target, value, _ in bindings(program.nodes)}

@@ -22,6 +22,11 @@ MUTATORS = frozenset({
     "add", "append", "appendleft", "clear", "discard", "extend", "extendleft", "fill", "insert", "pop", "popitem",
     "popleft", "remove", "reverse", "rotate", "setdefault", "sort", "update",
 })  # fmt: skip
+#: Functions that read a list and leave it as it is.
+READERS = frozenset({
+    "all", "any", "array", "bool", "enumerate", "len", "list", "max", "min", "reversed", "set", "sorted", "sum",
+    "tuple", "zip",
+})  # fmt: skip
 #: Modules whose classes know nothing of what an environment adds.
 _KNOWN = frozenset({"abc", "gym", "gymnasium", "typing"})
 
@@ -446,17 +451,22 @@ def caught(program: Program, node: ast.AST, function: Function, *errors: str) ->
     """Whether a handler around a node catches one of these exceptions, or all of them."""
     inner = node
     for outer in program.around(node, function):
-        kinds: list[ast.expr | None] = []
         if isinstance(outer, ast.Try) and inner in outer.body:
-            for handler in outer.handlers:
-                kinds += handler.type.elts if isinstance(handler.type, ast.Tuple) else [handler.type]
+            if any(catches(handler, *errors) for handler in outer.handlers):
+                return True
         elif isinstance(outer, ast.With):
             calls = [item.context_expr for item in outer.items if name_of(item.context_expr) == "suppress"]
-            kinds += [kind for call in calls if isinstance(call, ast.Call) for kind in call.args]
-        if any(kind is None or name_of(kind) in {*errors, *_BROAD} for kind in kinds):
-            return True
+            kinds = [kind for call in calls if isinstance(call, ast.Call) for kind in call.args]
+            if any(name_of(kind) in {*errors, *_BROAD} for kind in kinds):
+                return True
         inner = outer
     return False
+
+
+def catches(handler: ast.ExceptHandler, *errors: str) -> bool:
+    """Whether a handler catches one of these exceptions, or all of them."""
+    kinds = handler.type.elts if isinstance(handler.type, ast.Tuple) else [handler.type]
+    return any(kind is None or name_of(kind) in {*errors, *_BROAD} for kind in kinds)
 
 
 def root(node: ast.expr) -> ast.expr:

@@ -7,13 +7,10 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from .program import Function, Program, Suspect, line, name_of
+from .program import READERS, Function, Program, Suspect, caught, line, name_of
 from .ranges import Ranges
 
 _LIMITS = frozenset({"clip", "max", "maximum", "min", "minimum"})
-#: Functions that leave a list as it is.
-_READERS = frozenset({"array", "enumerate", "len", "list", "max", "min", "reversed", "sorted", "sum", "tuple", "zip"})
-_CAUGHT = frozenset({"", "BaseException", "Exception", "IndexError", "LookupError"})
 
 
 class _Counter(NamedTuple):
@@ -38,7 +35,11 @@ def short_lists(program: Program) -> Iterator[Suspect]:
             if field not in counters:
                 counters[field] = _counter(program, field)
             counter = counters[field]
-            if counter is None or counter.events < length - counter.start or _is_caught(program, node, function):
+            if (
+                counter is None
+                or counter.events < length - counter.start
+                or caught(program, node, function, "IndexError", "LookupError")
+            ):
                 continue
             words = f"reads {ast.unparse(node)[:40]}, which has {length} items, and nothing limits self.{field}"
             yield Suspect(line(node), words, certain=False)
@@ -70,7 +71,7 @@ def _keeps_length(program: Program, node: ast.AST) -> bool:
         case ast.Subscript(value=value, slice=index, ctx=context) if value is node:
             return isinstance(context, ast.Load) or not isinstance(index, ast.Slice)
         case ast.Call(func=func):
-            return func is not node and name_of(func) in _READERS
+            return func is not node and name_of(func) in READERS
         case ast.For() | ast.comprehension() | ast.Compare() | ast.Assign() | ast.AnnAssign() | ast.Tuple():
             return True
         case ast.Subscript():
@@ -144,17 +145,3 @@ def _is_read_only(program: Program, node: ast.AST) -> bool:
                 child, parent = parent, program.parents[parent]
             case _:
                 return False
-
-
-def _is_caught(program: Program, node: ast.AST, function: Function) -> bool:
-    while node is not function.node:
-        child, node = node, program.parents[node]
-        if isinstance(node, ast.Try) and child in node.body and any(map(catches_index_errors, node.handlers)):
-            return True
-    return False
-
-
-def catches_index_errors(handler: ast.ExceptHandler) -> bool:
-    """Whether a handler catches the error of an index, or all errors."""
-    kinds = handler.type.elts if isinstance(handler.type, ast.Tuple) else [handler.type]
-    return any(kind is None or name_of(kind) in _CAUGHT for kind in kinds)

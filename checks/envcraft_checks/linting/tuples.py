@@ -5,11 +5,8 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 
-from .program import Function, name_of
+from .program import READERS, Function, name_of
 from .ranges import Ranges
-
-#: Functions that leave a list as it is.
-_READERS = frozenset({"all", "any", "bool", "enumerate", "len", "list", "reversed", "set", "sorted", "tuple"})
 
 
 def numbers_in_tuples(ranges: Ranges, node: ast.expr, method: Function) -> set[float]:
@@ -112,7 +109,7 @@ def _tuples(ranges: Ranges, field: str) -> Iterator[tuple[ast.Tuple | None, Func
                     _,
                 ):
                     pass
-                case ast.Call(func=ast.Name(id=name)), _ if name in _READERS:
+                case ast.Call(func=ast.Name(id=name)), _ if name in READERS:
                     pass
                 case ast.Subscript(ctx=ast.Load(), slice=ast.Slice(lower=None, upper=None)), ast.For():
                     pass
