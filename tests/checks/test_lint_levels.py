@@ -53,7 +53,7 @@ def codes(step: str, reset: str = "pass", grow: str = "pass", won: str = "self.c
         "self.tower.level < len(PRICES)",
         "self.tower.level < 3",
         "self.tower.level <= len(PRICES) - 1",
-        "self.coins > PRICES[0] and self.tower.level < len(PRICES)",
+        "self.tower.level < len(PRICES) and action[2]",
         "len(PRICES) > self.tower.level",
     ],
 )
@@ -81,6 +81,10 @@ def test_a_level_that_outgrows_a_table(test: str) -> None:
         BOUGHT + f"left = 3 - self.tower.level\nif left: {SHOOT}",
         BOUGHT + f"if not self.best(self.tower.level): {SHOOT}",
         BOUGHT + "    self.bought = True\n" + SHOOT,
+        BUY.format(test="self.t % 50 == 0 and self.tower.level < len(PRICES)") + SHOOT,
+        BUY.format(test="self.coins >= PRICES[self.tower.level] and self.tower.level < len(PRICES)") + SHOOT,
+        BOUGHT + "with contextlib.suppress(IndexError):\n    " + SHOOT,
+        BOUGHT.replace("level += 1", "level += 1; self.pay()") + SHOOT,
         BOUGHT + "    self.celebrate()\n" + SHOOT,
         BOUGHT + "for level in self.towers:\n    self.coins -= REACH[level.level]",
         BOUGHT + BUY.format(test="self.tower.level < 1") + SHOOT,
@@ -88,6 +92,14 @@ def test_a_level_that_outgrows_a_table(test: str) -> None:
 )
 def test_a_level_that_fits(step: str) -> None:
     assert codes(step) == set()
+
+
+def test_a_level_that_is_paid_for() -> None:
+    price = "self.coins -= PRICES[self.tower.level]\n    self.tower.level += 1"
+    test = "self.tower.level < len(PRICES) and self.coins >= PRICES[self.tower.level]"
+    assert codes(
+        BUY.format(test=test).replace("self.tower.level += 1", price) + "self.x = REACH[self.tower.level]"
+    ) == {"EC080"}
 
 
 def test_a_level_that_ends_the_episode() -> None:
@@ -163,6 +175,8 @@ def test_a_load_of_two_weights_skips_the_number(step: str) -> None:
         (TAKE.replace("self.load +=", "if fruit[1] < 2: self.load +="), GROW, "self.load == LOAD"),
         ("room = LOAD - self.load\n" + TAKE, GROW, "self.load == LOAD"),
         ("if action[1]: self.load = 0\n" + TAKE, GROW, "self.load == LOAD"),
+        ("if self.load >= 2: self.load -= 2", GROW, "self.load == 1"),
+        ("for coin in list(self.towers):\n    self.towers.remove(coin)\n    self.load += 2", GROW, "self.load == 1"),
         (TAKE.replace("\nself.grow()", ""), GROW, "self.load == LOAD"),
     ],
 )

@@ -62,9 +62,18 @@ def _is_increment(node: ast.AST) -> bool:
 
 
 def _is_tested(program: Program, node: ast.AST, function: Function, level: _Level) -> bool:
-    """Whether a table is read only where one of the tests holds."""
-    outer = (one for one in program.around(node, function) if isinstance(one, ast.If | ast.IfExp | ast.BoolOp))
-    return any(test in level.tests for one in outer for test in ast.walk(one))
+    """Whether a table is read only where one of the tests holds, or in a method that is called there."""
+    places = [(node, function)]
+    places += [
+        (call, one) for one in program.play for call in one.nodes if name_of(call) == function.name and call is not node
+    ]
+    return any(
+        test in level.tests
+        for place, one in places
+        for outer in program.around(place, one)
+        if isinstance(outer, ast.If | ast.IfExp | ast.BoolOp)
+        for test in ast.walk(outer)
+    )
 
 
 def _level(program: Program, name: str) -> _Level | None:
@@ -74,7 +83,8 @@ def _level(program: Program, name: str) -> _Level | None:
     step may keep a table from being read. No error of an index may be caught.
     """
     handlers = (node for one in program.play for node in one.nodes if isinstance(node, ast.ExceptHandler))
-    if any(catches(handler, "IndexError", "LookupError") for handler in handlers):
+    suppressed = any(name_of(node) == "suppress" for node in program.nodes)
+    if suppressed or any(catches(handler, "IndexError", "LookupError") for handler in handlers):
         return None
     ranges = Ranges(program)
     given = {target: value for target, value, _ in bindings(program.nodes)}
@@ -88,7 +98,7 @@ def _level(program: Program, name: str) -> _Level | None:
                     node
                 ):
                     guard = _guard(program, ranges, function, node)
-                    if guard is None or not _is_alone(program, node, function):
+                    if guard is None or not _is_bought(program, node, function):
                         return None
                     increments.add(node)
                     owners.add(name_of(owner))
@@ -169,28 +179,40 @@ def _declares(program: Program, owner: str, name: str) -> bool:
     return own or any(isinstance(field, ast.Name) and field.id == name for field in fields)
 
 
-def _is_alone(program: Program, increment: ast.AugAssign, function: Function) -> bool:
-    """Whether the blocks around an increment only change it, local names, and what the tests around them read."""
-    read: set[str] = set()
+def _is_bought(program: Program, increment: ast.AugAssign, function: Function) -> bool:
+    """Whether the blocks around an increment pay for it: they subtract from each other attribute that the tests around
+    them read, and change no other attribute.
+
+    A test of what nothing takes away, such as a time, may hold too seldom for the highest level.
+    """
+    tested, paid, other = set(), set(), set()
     child: ast.AST = increment
     for outer in program.around(increment, function):
         if isinstance(outer, ast.If) and child in outer.body:
-            read |= {ast.unparse(node) for node in ast.walk(outer.test) if isinstance(node, ast.Attribute)}
-            for statement in outer.body:
-                changed = [
-                    target for target, _, _ in bindings(ast.walk(statement)) if isinstance(target, ast.Attribute)
-                ]
-                changed += [
-                    node.target
-                    for node in ast.walk(statement)
-                    if isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Attribute)
-                ]
-                if any(target is not increment.target and ast.unparse(target) not in read for target in changed):
-                    return False
-                if any(isinstance(node, ast.Expr) and isinstance(node.value, ast.Call) for node in ast.walk(statement)):
-                    return False
+            tested |= {ast.unparse(node) for node in _outside_tables(outer.test)}
+            for node in (part for statement in outer.body for part in ast.walk(statement)):
+                match node:
+                    case ast.AugAssign(target=ast.Attribute() as target, op=ast.Sub()):
+                        paid.add(ast.unparse(target))
+                    case ast.Attribute(ctx=ast.Store() | ast.Del()) if node is not increment.target:
+                        other.add(ast.unparse(node))
+                    case ast.Expr(value=ast.Call()) | ast.Delete():
+                        return False
         child = outer
-    return True
+    return tested - {ast.unparse(increment.target)} <= paid and other <= paid
+
+
+def _outside_tables(test: ast.expr) -> Iterator[ast.Attribute]:
+    """The attributes that a test reads, apart from tables and what they are read by."""
+    waiting: list[ast.AST] = [test]
+    while waiting:
+        match waiting.pop():
+            case ast.Attribute() as node:
+                yield node
+            case ast.Subscript() | ast.Call(func=ast.Name(id="len")):
+                pass
+            case node:
+                waiting += ast.iter_child_nodes(node)
 
 
 def _guard(

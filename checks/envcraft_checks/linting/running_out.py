@@ -62,6 +62,7 @@ def fixed_length(program: Program, node: ast.expr, function: Function) -> int | 
         for node in program.nodes
         if isinstance(node, ast.Name | ast.Attribute)
     )
+    grown |= any(isinstance(node, ast.Global) and name in node.names for node in program.nodes)
     return max(lengths) if lengths and len(lengths) == len(values) and not grown else None
 
 

@@ -13,6 +13,8 @@ from .tuples import numbers_in_tuples
 
 #: Names under which another object may know the environment.
 _ENVIRONMENT = re.compile(r"env|game|world|state|owner|parent", re.I)
+#: Methods that put something in a list or a set.
+_GROWING = frozenset({"add", "append", "appendleft", "extend", "insert", "update"})
 #: The most values of a count that are tried.
 _VALUES = 2_000
 
@@ -67,10 +69,13 @@ class _Count:
         number from being skipped, or end the episode. A count that is set back may come to the number again.
         """
         for method in self._program.reached("step"):
-            for target, _, _ in method.bindings:
+            sums = set()
+            for target, value, _ in method.bindings:
                 if method.field(target) == self._field:
-                    return True
-            for node in method.nodes:
+                    if not isinstance(value, ast.BinOp) or method.field(value.left) != self._field:
+                        return True
+                    sums.add(value)
+            for node in (node for node in method.nodes if node not in sums):
                 parts: list[ast.expr] = []
                 match node:
                     case ast.BinOp(left=left, op=ast.Add() | ast.Sub(), right=right):
@@ -97,10 +102,11 @@ class _Count:
 
     def _add(self, op: ast.operator, value: ast.expr, node: ast.AST, method: Function) -> None:
         numbers = self._ranges.numbers(value, method) if isinstance(op, ast.Add | ast.Sub) else set()
-        if method is not None and not numbers and isinstance(op, ast.Add | ast.Sub) and not self._is_weighed():
+        if method is not None and not numbers and isinstance(op, ast.Add | ast.Sub):
             numbers = numbers_in_tuples(self._ranges, value, method)
         # A test of the sum may keep it from going past the number.
         self._known &= bool(numbers) and not self._is_tested(node, method, in_sum=True)
+        self._known &= not self._is_weighed() and not self._runs_out(node, method)
         for number in numbers - {0.0}:
             self._added.setdefault(-number if isinstance(op, ast.Sub) else number, line(node))
 
@@ -118,6 +124,21 @@ class _Count:
             return any(method.field(part) == self._field for part in compared)
         sums = (part for part in compared if isinstance(part, ast.BinOp))
         return any(method.field(part) == self._field for one in sums for part in ast.walk(one))
+
+    def _runs_out(self, node: ast.AST, method: Function) -> bool:
+        """Whether an addition takes an item from a list or a set that steps never refill, so that the sum is known."""
+        program = self._program
+        blocks = [program.block(one) for one in (node, *program.around(node, method)) if isinstance(one, ast.stmt)]
+        beside = {part for block in blocks for one in block for part in ast.walk(one)}
+        taken = {
+            method.field(target)
+            for target, write in method.writes
+            if write in beside and name_of(write) in ("discard", "pop", "popleft", "popitem", "remove")
+        }
+        steps = program.reached("step")
+        grown = {one.field(target) for one in steps for target, write in one.writes if name_of(write) in _GROWING}
+        grown |= {one.field(target) for one in steps for target, _, _ in one.bindings}
+        return bool(taken - grown - {""})
 
     def skip(self, target: float) -> tuple[float, float, int] | None:
         """A value before the number, the value behind it that play may go on to, and the line that does it.

@@ -18,6 +18,10 @@ def shared_items(program: Program) -> Iterator[Suspect]:
     if any(isinstance(node, ast.Call) and name_of(node) == "update" for node in resetting):
         return
     renewed = {_place_in_item(node) for node in resetting}
+    playing = [(one, target, node) for one in stepping for target, node in one.writes]
+    renewed |= {_place_in_item(node) for _, _, node in playing if not _counts_on(program, node)} - {""}
+    if any(name_of(node) == "clear" and isinstance(target, ast.Name) for _, target, node in playing):
+        return
     for function in program.reached("step"):
         tables = _tables_of_items(program, function)
         for target, node in function.writes:
@@ -34,7 +38,7 @@ def shared_items(program: Program) -> Iterator[Suspect]:
 def _counts_on(program: Program, write: ast.AST) -> bool:
     """Whether a write depends on what the place had before."""
     if isinstance(write, ast.Call):
-        return name_of(write) not in ("setdefault", "sort")
+        return name_of(write) not in ("clear", "setdefault", "sort", "update")
     match program.parents[write]:
         case ast.AugAssign():
             return True
@@ -46,7 +50,14 @@ def _counts_on(program: Program, write: ast.AST) -> bool:
 
 
 def _is_taken_back(program: Program, write: ast.AST, function: Function) -> bool:
-    """Whether the function also subtracts from a place to which it adds, or the reverse."""
+    """Whether the function also undoes what it does to a place, or only fills an empty list."""
+    if isinstance(write, ast.Call) and isinstance(write.func, ast.Attribute):
+        filled = ast.unparse(write.func.value)
+        tests = [one.test for one in program.around(write, function) if isinstance(one, ast.If)]
+        others = [
+            name_of(node) for target, node in function.writes if ast.unparse(target) == filled and node is not write
+        ]
+        return any(filled in ast.unparse(test) for test in tests) or any(name in ("pop", "remove") for name in others)
     outer = program.parents[write]
     return isinstance(outer, ast.AugAssign) and any(
         isinstance(node, ast.AugAssign)
@@ -94,7 +105,8 @@ def _tables_of_items(program: Program, function: Function) -> dict[str, str]:
 def _table(program: Program, function: Function, node: ast.AST | None) -> str:
     """The table of the module that a node names, or whose items an attribute of ``self`` holds; "" if it is neither."""
     if isinstance(node, ast.Name):
-        return "" if node.id in function.local else node.id
+        inner = {one.arg for one in function.nodes if isinstance(one, ast.arg)}
+        return "" if node.id in function.local | inner else node.id
     if not (field := function.field(node)) or program.bound_to(function) != program.env:
         return ""
     if _is_changed(program, field):
