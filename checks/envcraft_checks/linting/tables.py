@@ -10,18 +10,18 @@ from .program import MUTATORS, Function, Program, Suspect, line, name_of
 
 def shared_items(program: Program) -> Iterator[Suspect]:
     """Find where play counts on in an item of a table of the module, such as ``for each in KINDS: each["speed"] *= 2``,
-    unless a reset may write to such an item, too.
+    unless a reset may write to such an item, too, or steps clear a local name, which may be the item.
     """
     stepping = set(program.reached("step"))
     others = [one for one in program.all if one not in stepping or program.bound_to(one) != program.env]
     resetting = [node for one in (*others, *program.reached("reset")) for _, node in one.writes]
     if any(isinstance(node, ast.Call) and name_of(node) == "update" for node in resetting):
         return
-    renewed = {_place_in_item(node) for node in resetting}
-    playing = [(one, target, node) for one in stepping for target, node in one.writes]
-    renewed |= {_place_in_item(node) for _, _, node in playing if not _counts_on(program, node)} - {""}
-    if any(name_of(node) == "clear" and isinstance(target, ast.Name) for _, target, node in playing):
+    playing = [write for one in stepping for write in one.writes]
+    if any(name_of(node) == "clear" and isinstance(target, ast.Name) for target, node in playing):
         return
+    renewed = {_place_in_item(node) for node in resetting}
+    renewed |= {_place_in_item(node) for _, node in playing if not _counts_on(program, node)} - {""}
     for function in program.reached("step"):
         tables = _tables_of_items(program, function)
         for target, node in function.writes:
