@@ -9,11 +9,14 @@ import of a parser would take as long as the start of Python.
 from __future__ import annotations
 
 import gc
-import socket
+import os
 import sys
 
 
 def main() -> None:
+    _put_the_standard_library_first()
+    import socket
+
     words = list(zip(sys.argv[1::2], sys.argv[2::2], strict=True))
     options = dict(words)
     # As in an interactive interpreter: a module that parses the command line when it is imported finds none.
@@ -34,6 +37,15 @@ def main() -> None:
     from .server import serve
 
     serve(control, options.get("--folder", "/tmp/job"), read)
+
+
+def _put_the_standard_library_first() -> None:
+    """Reorder the path, where PYTHONPATH puts the libraries first.
+
+    A library may bring a module of the same name, such as the package pathlib, which was for Python 2.
+    """
+    standard = os.path.dirname(os.__file__)
+    sys.path.sort(key=lambda entry: entry != standard)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ import base64
 import os
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,6 +14,7 @@ from envcraft_protocol.wire import HEADER, MAX_MESSAGE, Kind
 
 from envcraft.errors import EnvCraftError
 from envcraft.judging.driver import Driver, Limits, Worker
+from envcraft.judging.installed import Installed
 from envcraft.model.job import ExitReason
 from envcraft.model.rollout import ClockShift, Conditions, Episode
 from envcraft.model.trace import Ending
@@ -80,6 +82,23 @@ class TestOrdinaryJobs:
         assert missing == ["nunpy"]
         assert "numpy" in known
         assert worker.preload(["gymnasium.spaces", "nunpy"]) == ["gymnasium.spaces"]
+
+    def test_a_library_cannot_replace_a_standard_module(
+        self, driver: Driver, limits: Limits, environment: Environment, play: Any, tmp_path: Path
+    ) -> None:
+        names = ["enum", "json", "pathlib", "socket", "typing"]
+        for name in names:
+            (tmp_path / f"{name}.py").write_text("raise ImportError('for Python 2')")
+        (tmp_path / "lantern.py").write_text("lit = True")
+        other = driver.with_installed(Installed(paths=(str(tmp_path),)))
+        if other is not driver:
+            names.append("lantern")
+        worker = other.launch(hash_seed=0, limits=limits)
+        try:
+            ran = play(worker, environment(top=f"import {', '.join(names)}"))
+        finally:
+            worker.close()
+        assert ran.trace.steps == 8
 
     def test_many_jobs_leave_no_descriptor_open(self, worker: Worker, environment: Environment, play: Any) -> None:
         before = len(os.listdir("/proc/self/fd"))
