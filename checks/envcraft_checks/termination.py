@@ -10,8 +10,9 @@ comes a step late, because no agent receives it. The first step after the end, a
 step of an episode, or it pays the same in five episodes whose last steps pay something else.
 
 It also finds the step counter in the code. If nothing else limits an episode, play must not reset the counter, skip it
-for some actions, or increase it past a number that it must equal. Under a contract without a limit, an action that
-stops all change is held for twice as many steps as the code allows.
+for some actions, or increase it past a number that it must equal. If the counter must start again more than once to
+outlast the limit, a search looks for play that does it. Under a contract without a limit, an action that stops all
+change is held for twice as many steps as the code allows.
 
 A success must end the episode as `terminated`. If only `truncated` is set, the check looks for a longer episode on the
 same seed, which shows that the end is not a time limit.

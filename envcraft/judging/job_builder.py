@@ -76,6 +76,8 @@ class JobBuilder:
         job |= {"search": search.kind, "seed": search.seed, "path": search.path, "actions": self.probes.joint_actions}
         job |= {"max_steps": search.budget, "limit": length, "seconds": self._job_seconds * _SEARCH_SHARE}
         job |= {"series": series, "marks": self._marks}
+        if search.counter is not None:
+            job["counter"] = search.counter
         rollout = Rollout(search.seed, [], max_steps=length)
         return PreparedJob(Placement(), job, TraceBuilder(rollout, None, self._facts.action_space))
 

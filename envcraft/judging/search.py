@@ -24,6 +24,8 @@ _REACT = 360
 _ROCK, _ROCKS, _SOON = 250, 6, 60
 #: Steps of random play that show what the cells of a game mean.
 _CELLS = 1_200
+#: Steps of a search for an episode that outlasts its limit, for each step of that limit.
+_OUTLAST = 8
 #: Steps of a greedy search, which makes five moves.
 _GREEDY = 10_000
 #: The share of the budget that an exploration leaves to the checks after it, and that a sweep leaves.
@@ -278,6 +280,22 @@ class Searches:
     def enclosed(self) -> SearchOutcome:
         """Look for seeds on which walls enclose a thing that the player gathers; no result without the steps for it."""
         return self._run("enclosed", 0, _CELLS) if self.spares(_CELLS) else SearchOutcome()
+
+    def outlast(self, counter: str, limit: int) -> list[Action]:
+        """Look for play that starts a counter of steps again until the episode outlasts the contract's limit.
+
+        Args:
+            counter: the attribute that counts steps.
+            limit: the number at which the counter ends an episode.
+
+        Returns:
+            The actions of such an episode; none if the search finds none, or if the budget has no steps for it.
+        """
+        steps = _OUTLAST * self._probes.length
+        if not (self._budget.sweep and self.spares(steps)):
+            return []
+        search = Search("outlast", self._probes.episode_seed(0), steps, counter=(counter, limit))
+        return list(self._cache.search(search).get("best") or ())
 
     def _states(self, kind: str, path: list[Action], seed: int) -> int:
         return int(self._cache.search(Search(kind, seed, len(path) + _REACT, path)).get("states") or 0)

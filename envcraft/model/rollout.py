@@ -154,13 +154,15 @@ class Search(msgspec.Struct, frozen=True):
         seed: the seed of the episode.
         budget: the most environment steps.
         path: the actions that the search follows, if any.
+        counter: the attribute that counts steps, and the number at which the episode ends, if the search needs them.
     """
 
     kind: str
     seed: int
     budget: int
     path: list[Action] = []
+    counter: tuple[str, int] | None = None
 
     def key(self) -> bytes:
         """What the outcome depends on."""
-        return msgspec.json.encode((self.kind, self.seed, self.budget, self.path))
+        return msgspec.json.encode((self.kind, self.seed, self.budget, self.path, self.counter))

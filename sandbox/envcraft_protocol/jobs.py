@@ -169,6 +169,7 @@ class Job(TypedDict):
         new_process: the job is the first one of its process.
         search: name of the search.
         path: actions that the search follows first.
+        counter: the attribute that counts steps for the search, and the number at which the episode ends.
         limit: length of an episode in steps.
         seconds: time after which the search stops, or the measured episode; after so much processor time no
             recorded episode but the last one starts.
@@ -195,6 +196,7 @@ class Job(TypedDict):
     new_process: NotRequired[bool]
     search: NotRequired[str]
     path: NotRequired[list[Any]]
+    counter: NotRequired[tuple[str, int]]
     limit: NotRequired[int]
     seconds: NotRequired[float]
 

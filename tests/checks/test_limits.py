@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 
 import pytest
-from envcraft_checks.linting.limits import terminates_at, unlimited
+from envcraft_checks.linting.limits import restarted, starts_again, terminates_at, unlimited
 from envcraft_checks.linting.program import Program
 
 GAME = """
@@ -54,6 +54,7 @@ def program(
         {"event": "if action == 3: self.enter()", "enter": "self.steps = 0"},
         {"event": "if action == 3: self.steps = 0", "truncated": f"{LIMIT} and not (won or lost)"},
         {"event": "if action == 3: self.steps = 0", "truncated": "bool(self.steps > 600)"},
+        {"event": "if self.rover == self.closest: self.steps = 0"},
         {"count": "if action: self.steps += 1"},
         {"first": "if action == 2: return 0, 0.0, False, False, {}"},
         {"first": "paused = action == 2\n        if paused: return 0, 0.0, False, False, {}"},
@@ -104,6 +105,32 @@ def test_a_limit_that_play_can_evade(parts: dict[str, str]) -> None:
 )  # fmt: skip
 def test_a_limit_that_holds_or_is_not_known(parts: dict[str, str]) -> None:
     assert not list(unlimited(program(**parts), 1000))
+
+
+@pytest.mark.parametrize("bound", [300, 500])
+def test_a_counter_that_must_start_again_more_than_once(bound: int) -> None:
+    parts = {"event": "if action == 3: self.enter()", "enter": "self.steps = 0"}
+    given = program(**parts, truncated=f"self.steps >= {bound}")
+    found = restarted(given, 1000)
+    assert found is not None
+    assert found[:2] == ("steps", bound)
+    assert found[2].line == 1 + GAME.splitlines().index("        {enter}")
+    assert list(unlimited(given, 1000)) == []
+    assert starts_again(given)
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {"event": "if action == 3: self.steps = 0", "truncated": "self.steps >= 501"},
+        {"truncated": "self.steps >= 300"},
+        {"event": "if won: self.steps = 0", "truncated": "self.steps >= 300"},
+        {"event": "if action == 3: self.steps = 0", "truncated": "self.steps >= 300", "terminated": "self.fuel > 900",
+         "count": "self.steps += 1\n        self.fuel += 1"},
+    ],
+)  # fmt: skip
+def test_one_restart_is_enough_or_nothing_starts_again(parts: dict[str, str]) -> None:
+    assert restarted(program(**parts), 1000) is None
 
 
 def test_a_time_limit_that_terminates_is_known_by_its_name() -> None:

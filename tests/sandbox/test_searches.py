@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+from itertools import accumulate, pairwise
 from typing import Any
 
 import pytest
@@ -262,6 +263,28 @@ def test_two_moves_that_are_held_in_turn_are_a_loop(paid: str, loops: bool) -> N
     turns = [[1, 1, 1, *([one] * 6 + [other] * 6) * 2] for one, other in ((1, 2), (2, 1))]
     assert out.loop in (turns if loops else [None])
     assert out.loop_length == (12 if loops else 0)
+
+
+@pytest.mark.parametrize(("restarts", "outlasts"), [(9, True), (1, False)])
+def test_a_counter_that_starts_again_and_again_outlasts_its_limit(restarts: int, outlasts: bool) -> None:
+    """At the height 4 the counter starts again, so often, and 20 steps later the episode ends."""
+    source = SPRING.replace("won, False", "won, self.time >= 20")
+    step = (
+        "again = self.at == 4 > before and self.left > 0; self.left -= again; self.time = 0 if again else self.time + 1"
+    )
+    reset = f"self.time, self.left = 0, {restarts}"
+    out, _, channel = searched("outlast", reset, step, source, limit=50, max_steps=6_000, counter=("time", 20))
+    assert len(out.best) == (50 if outlasts else 0)
+    assert channel.steps <= 6_000 + 24
+    if outlasts:
+        heights = list(accumulate(out.best, lambda at, action: max(at + (0, 1, -1)[action], 0), initial=1))
+        assert sum(here == 4 > before for before, here in pairwise(heights)) >= 2
+
+
+def test_restarts_are_not_sought_without_copies() -> None:
+    out, _, channel = searched("outlast", counter=("at", 20))
+    assert out.best == []
+    assert channel.steps == 0
 
 
 def _prefixes(moves: list[int]) -> list[list[int]]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from envcraft.judging.shrink import repro
 from envcraft.model.rollout import Rollout
+from envcraft_checks.linting.limits import starts_again
 from envcraft_checks.linting.program import line, program_of
 
 from .flags import returned_flags
@@ -60,7 +61,10 @@ def find_truncated(check: Check, subject: Subject, traces: list[Trace]) -> Itera
     kinds = [{trace.steps for trace in cut}, {_since_paid(trace) for trace in cut}]
     if min(map(len, kinds)) < _VARIED:
         return
-    # Each level may have a limit of its own.
+    program = program_of(subject)
+    # Each level may have a limit of its own, and a clock that starts again still is one.
+    if program is not None and starts_again(program):
+        return
     if len({trace.rollout.seed for trace in cut}) == len({(trace.rollout.seed, trace.steps) for trace in cut}):
         return
     costly = all(trace.rewards[-1] < min(0.0, *trace.rewards[:-1]) for trace in cut)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from envcraft.judging.shrink import repro
-from envcraft_checks.linting.limits import step_limit, terminates_at, unlimited
+from envcraft_checks.linting.limits import restarted, step_limit, terminates_at, unlimited
 from envcraft_checks.linting.program import in_words, program_of
 
 from .flags import returned_flags
@@ -40,7 +40,10 @@ def find_wrong(check: Check, subject: Subject, traces: list[Trace], limit: int) 
 
 
 def find_evaded(check: Check, subject: Subject, limit: int) -> Iterator[Finding]:
-    """Find a step limit that the code lets play evade, where no episode has lasted long enough to show it."""
+    """Find a step limit that the code lets play evade, where no episode has lasted long enough to show it.
+
+    If a counter must start again more than once for that, a search looks for play that does it.
+    """
     program = program_of(subject)
     if program is None or "limit" in subject.contract.adapter:
         return
@@ -52,6 +55,20 @@ def find_evaded(check: Check, subject: Subject, limit: int) -> Iterator[Finding]
             f"{words}, so an episode can last longer than {limit:,} steps",
             line=suspects[0].line,
             lines=lines,
+        )
+        return
+    restart = restarted(program, limit)
+    if restart is None:
+        return
+    name, most, suspect = restart
+    actions = subject.searches.outlast(name, most)
+    trace = subject.searches.scripted(0, actions, "a search for restarts") if actions else None
+    if trace is not None and trace.usable and not trace.ended and trace.steps >= limit:
+        yield check.finding(
+            "EC501",
+            f"an episode does not end within {limit:,} steps: line {suspect.line} {suspect.words}, again and again",
+            line=suspect.line,
+            repro=repro(trace.rollout),
         )
 
 

@@ -5,12 +5,16 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
+from typing import NamedTuple
 
 from .program import Function, Program, Suspect, arguments, line, name_of
 
 _TRUNCATED, _RESULTS = 3, 5
 #: Words in names of what is so when an episode is over.
-_OVER = re.compile(r"done|over|ended|terminat|truncat|lost|lose|dead|died|success|victory|won\b|win\b|finish", re.I)
+_OVER = re.compile(
+    r"done|(?<![a-z])(over|ended|lose)|(game|is)_?over|terminat|truncat|lost|dead(?!line)|died|success|victory|won\b|win\b|finish",
+    re.I,
+)
 #: Names of what limits the time of an episode. A number of moves or of turns may be a rule of the game.
 _LIMIT = re.compile(r"max_?(episode_?)?(steps?|len|frames)|(steps?|time|episode|frames?)_?(limit|length)|horizon", re.I)
 #: Names of what limits the steps of an episode, and nothing else.
@@ -20,6 +24,26 @@ _STEP_LIMIT = re.compile(
 #: How often a limit that starts again must fit into the longest episode that is allowed: one event doubles it.
 _TWICE = 2
 _BOUNDS = (ast.GtE, ast.Gt, ast.Eq)
+
+
+class _Counter(NamedTuple):
+    """The one attribute that counts steps and truncates an episode.
+
+    Attributes:
+        step: the method.
+        play: all functions that a step runs.
+        name: the attribute.
+        most: the number that it is compared with.
+        kind: the comparison.
+        others: attributes that count steps, too, in the tests of the end.
+    """
+
+    step: Function
+    play: list[Function]
+    name: str
+    most: float
+    kind: type[ast.cmpop]
+    others: list[str]
 
 
 def unlimited(program: Program, limit: int) -> Iterator[Suspect]:
@@ -33,24 +57,12 @@ def unlimited(program: Program, limit: int) -> Iterator[Suspect]:
         program: the file.
         limit: the most steps of an episode that the contract allows.
     """
-    step = program.method(program.env, "step")
-    play = program.reached("step")
-    if step is None or any(function.name == "reset" for function in play):
+    counter = _only_counter(program)
+    if counter is None:
         return
-    tests = list(_tests(program, step, _TRUNCATED))
-    bounds = [found for test, function in tests if (found := _bound(program, test, function)) is not None]
-    counted = [
-        (name, most, kind)
-        for name, most, kind in bounds
-        if _adds(play, name) or (kind is ast.Eq and _chosen(program, step, play, name))
-    ]
-    if len(counted) != 1 or len(bounds) != 1:
-        return
-    name, most, kind = counted[0]
-    ended = {name_of(node) for test, _ in _tests(program, step, _TRUNCATED - 1) for node in ast.walk(test)}
-    ended |= {name_of(node) for test, _ in tests for node in ast.walk(test)}
-    if others := [other for other in sorted(ended - {name, ""}) if _always(program, step, play, other)]:
-        # Something else counts steps, too, unless a return comes before all of these counts.
+    step, play, name, most, kind, others = counter
+    if others:
+        # Unless a return comes before all of these counts.
         yield from _returned(program, step, play, [name, *others])
         return
     if most * _TWICE > limit:
@@ -59,6 +71,50 @@ def unlimited(program: Program, limit: int) -> Iterator[Suspect]:
     if kind is ast.Eq:
         yield from _jumps(play, name)
         yield from _passed(program, step, play, name)
+
+
+def restarted(program: Program, limit: int) -> tuple[str, int, Suspect] | None:
+    """Find a counter of steps that play sets back, where one restart is not enough to outlast `limit`.
+
+    Only play can show whether it starts again often enough.
+
+    Returns:
+        The attribute, the number at which it ends an episode, and the first place that sets it back; None if there is
+        no such counter.
+    """
+    counter = _only_counter(program)
+    if counter is None or counter.others or counter.most * _TWICE > limit:
+        return None
+    for suspect in _restarts(program, counter.play, counter.name):
+        return counter.name, int(counter.most), suspect
+    return None
+
+
+def starts_again(program: Program) -> bool:
+    """Whether play sets back the only counter of steps that truncates an episode."""
+    counter = _only_counter(program)
+    return counter is not None and any(_restarts(program, counter.play, counter.name))
+
+
+def _only_counter(program: Program) -> _Counter | None:
+    step = program.method(program.env, "step")
+    play = program.reached("step")
+    if step is None or any(function.name == "reset" for function in play):
+        return None
+    tests = list(_tests(program, step, _TRUNCATED))
+    bounds = [found for test, function in tests if (found := _bound(program, test, function)) is not None]
+    counted = [
+        (name, most, kind)
+        for name, most, kind in bounds
+        if _adds(play, name) or (kind is ast.Eq and _chosen(program, step, play, name))
+    ]
+    if len(counted) != 1 or len(bounds) != 1:
+        return None
+    name, most, kind = counted[0]
+    ended = {name_of(node) for test, _ in _tests(program, step, _TRUNCATED - 1) for node in ast.walk(test)}
+    ended |= {name_of(node) for test, _ in tests for node in ast.walk(test)}
+    others = [other for other in sorted(ended - {name, ""}) if _always(program, step, play, other)]
+    return _Counter(step, play, name, most, kind, others)
 
 
 def terminates_at(program: Program) -> tuple[int, Suspect] | None:

@@ -35,14 +35,14 @@ def explore(tree: Tree) -> None:
     """
     root = tree.root()
     generators, shared_generators = State(root.env).generators, global_generators()
-    root.cell = _cell(tree.frame)
+    root.cell = cell_of(tree.frame)
     archive: dict[Any, Node] = {root.cell: root}
     node = root
     #: The step at which each picture was first seen.
     seen = {frame_hash(tree.frame): 0}
     loops = _Loops(tree)
     while not tree.spent() and not (tree.out.win is not None and 2 * tree.out.steps >= tree.budget):
-        start = _choose(tree.random, archive)
+        start = choose(tree.random, archive)
         start.visits += 1
         node = tree.branch(start)
         loops.start(start.cell, node)
@@ -61,8 +61,8 @@ def explore(tree: Tree) -> None:
             if not alive or tree.spent():
                 break
             run.add(tree, node, action, digest)
-            cell = _cell(tree.frame)
-            _remember(tree, archive, cell, node)
+            cell = cell_of(tree.frame)
+            remember(tree, archive, cell, node)
             loops.visit(cell, node)
             if node.total > before:
                 loops.paid(cell, node, action)
@@ -155,7 +155,7 @@ class _Loops:
         for _ in range(_AGAIN):
             before = probe.total
             self._left -= len(loop)
-            if not all(tree.step(probe, action) for action in loop) or cell not in (None, _cell(tree.frame)):
+            if not all(tree.step(probe, action) for action in loop) or cell not in (None, cell_of(tree.frame)):
                 return
             gains.append(probe.total - before)
             if len(gains) % 2 == 0 and gains[-2] + gains[-1] <= 2 * self._rate * len(loop):
@@ -182,7 +182,8 @@ def places(one: list[Any], other: list[Any]) -> int:
     return sum(bool(mine != its) for mine, its in zip(one, other, strict=True))
 
 
-def _remember(tree: Tree, archive: dict[Any, Node], cell: Any, node: Node) -> None:
+def remember(tree: Tree, archive: dict[Any, Node], cell: Any, node: Node) -> None:
+    """Keep a state in the archive, unless one with this coarse picture has earned as much."""
     known = archive.get(cell)
     if known is not None and node.total <= known.total:
         return
@@ -196,7 +197,8 @@ def _kept(tree: Tree, node: Node, cell: Any) -> Node:
     return Node(tree.copies.of(node.env) if tree.out.copies else None, node.path, node.total, cell=cell)
 
 
-def _choose(rng: random.Random, archive: dict[Any, Node]) -> Node:
+def choose(rng: random.Random, archive: dict[Any, Node]) -> Node:
+    """A state of the archive that was rarely left and has earned much."""
     nodes = list(archive.values())
     sample = [nodes[rng.randrange(len(nodes))] for _ in range(min(8, len(nodes)))]
     low = min(node.total for node in sample)
@@ -204,8 +206,8 @@ def _choose(rng: random.Random, archive: dict[Any, Node]) -> Node:
     return max(sample, key=lambda node: (1 + (node.total - low) / span if span else 1) / (1 + node.visits) ** 0.5)
 
 
-def _cell(frame: Any) -> Any:
-    """A coarse picture: the brightness of 14 by 14 blocks in eight levels; other observations as they are."""
+def cell_of(frame: Any) -> Any:
+    """The coarse picture of a frame: the brightness of 14 by 14 blocks in eight levels. Other observations are kept."""
     if isinstance(frame, np.ndarray) and frame.ndim == 3 and frame.dtype == np.uint8 and frame.size:
         # Larger frames are thinned: their blocks have pixels enough.
         thin = -(-max(frame.shape[:2]) // _SIDE)

@@ -2,8 +2,9 @@
 
 Their results are only hints: the host repeats every list of actions in an ordinary rollout and trusts only that trace.
 Each search has a budget in environment steps, so its result does not depend on the machine. The searches that follow
-what looks promising are in :mod:`envcraft_sandbox.worker.exploration`, and the look at cells in
-:mod:`envcraft_sandbox.worker.enclosed`; those that try everything they can are here.
+what looks promising are in :mod:`envcraft_sandbox.worker.exploration`, the one for restarts of the step counter in
+:mod:`envcraft_sandbox.worker.outlasting`, and the look at cells in :mod:`envcraft_sandbox.worker.enclosed`; those that
+try everything they can are here.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from envcraft_protocol.wire import Kind
 
 from .enclosed import enclosed
 from .exploration import explore, horizon, places, simple
+from .outlasting import outlast
 from .state import State
 from .subject import Subject, attributes
 from .tree import Node, Tree, frame_hash, global_generators
@@ -322,4 +324,5 @@ _SEARCHES: dict[str, Callable[[Tree], None]] = {
     "rock": rock,
     "horizon": horizon,
     "enclosed": enclosed,
+    "outlast": outlast,
 }

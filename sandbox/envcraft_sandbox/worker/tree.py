@@ -96,6 +96,7 @@ class Tree:
         self.out = Outcome()
         self.random = _Random(job["seed"])
         self.limit: int = job["limit"]
+        self.counter: tuple[str, int] = job.get("counter", ("", 0))
         self.until = _monotonic() + job.get("seconds", float("inf"))
         #: Whether info reports success, or the lack of it.
         self.reports = False
