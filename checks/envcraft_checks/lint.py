@@ -89,6 +89,7 @@ from .linting.effects import effects, swallowed
 from .linting.equal import equal_values
 from .linting.fractions import vanishing_fractions
 from .linting.generators import generators
+from .linting.iterated import shrinking_loops
 from .linting.lasting import lasting_parts
 from .linting.late import late_pictures
 from .linting.lateness import late_successes
@@ -193,6 +194,7 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC078", discarded_results),
     ("EC079", squared_distances),
     ("EC080", outgrown_tables),
+    ("EC081", shrinking_loops),
 )
 
 
@@ -407,6 +409,13 @@ class Lint(Check):
             "table-too-short",
             "A level may reach a number for which a table has no item.",
             "Give each table that the level reads one item per level, the highest included.",
+            confirmed_by=("EC107",),
+        ),
+        Rule(
+            "EC081",
+            "removal-in-loop",
+            "A loop removes items from what it iterates over.",
+            "Iterate over a copy, `for item in list(self.items)`, or build a new list of the items that stay.",
             confirmed_by=("EC107",),
         ),
     )
