@@ -15,6 +15,8 @@ _ORDERLESS = frozenset({
     "isdisjoint", "issubset", "issuperset", "len", "max", "min", "set", "sorted", "sum", "symmetric_difference",
     "union", "update",
 })  # fmt: skip
+#: Functions that make a list or a tuple of what an iterable gives.
+_LISTS = frozenset({"list", "sorted", "tuple"})
 _COPIES = frozenset({"copy", "difference", "intersection", "symmetric_difference", "union"})
 _ENUMS = frozenset({"Enum", "Flag", "StrEnum"})
 _TEXT = frozenset({"capitalize", "format", "join", "lower", "replace", "repr", "str", "strip", "title", "upper"})
@@ -176,8 +178,12 @@ class _Sets:
         return ""
 
     def _item(self, node: ast.AST | None, function: Function | None, index: ast.expr) -> str:
-        """The kind of an item of a list that is written out, by its index or of any."""
-        if not isinstance(node, ast.List | ast.Tuple) or isinstance(index, ast.Slice):
+        """The kind of an item of a list: by its index, if the list is written out, or of any."""
+        if isinstance(index, ast.Slice):
+            return ""
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in _LISTS:
+            return self._once(node, function, self.items)
+        if not isinstance(node, ast.List | ast.Tuple):
             return ""
         items = node.elts
         if isinstance(index, ast.Constant):
@@ -215,6 +221,10 @@ class _Sets:
                 return self.element(elt, function)
             case ast.Call(func=ast.Attribute(attr="keys", value=value)):
                 return self.items(value, function)
+            case ast.Call(func=ast.Name(id=name), args=[one]) if name in _LISTS:
+                return self.items(one, function)
+            case ast.Subscript(slice=ast.Constant(value=str() as key)):
+                return self._under(key)
             case ast.Name(id=name) if name in self.program.classes:
                 return self._members(name)
             case ast.Name() | ast.Attribute():
@@ -222,6 +232,16 @@ class _Sets:
                 if kinds and all(kinds):
                     return kinds[0]
         return self.holds(node, function)
+
+    def _under(self, key: str) -> str:
+        """The kind of what an iterable gives that some dict of the file has under a key."""
+        for function in self.program.all:
+            for node in function.nodes:
+                for one, value in zip(node.keys, node.values, strict=True) if isinstance(node, ast.Dict) else ():
+                    known = isinstance(one, ast.Constant) and one.value == key
+                    if known and (kind := self._once(value, function, self.items)):
+                        return kind
+        return ""
 
     def _members(self, name: str) -> str:
         """The kind of the members of a class, if that is an enumeration whose members are hashed by their names."""
