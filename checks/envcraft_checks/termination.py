@@ -4,8 +4,7 @@
 Plays random, held, idle and mixed episodes to the contract's limit, and goes on after a success, a large reward or a
 loss. With `--policy FILE` it also plays the actions of the privileged policy. Each episode must end by itself by then.
 The end at the limit must be `truncated`, not `terminated`. Flags must be booleans of Python or NumPy. A game whose
-episodes all last at most five steps is allowed if its actions make a difference. If all end at the same step without a
-success that info reports, and searches leave nothing to try, it is not. Gymnasium leaves open what `step` does
+episodes all last at most five steps is allowed if its actions make a difference. Gymnasium leaves open what `step` does
 after an episode's end, so flags that become false again are only a warning. It is an error if the reward of the end
 comes a step late, because no agent receives it. The first step after the end, and no other one, then pays more than any
 step of an episode, or it pays the same in five episodes whose last steps pay something else.
@@ -183,14 +182,10 @@ class Termination(Check):
         decided = any(len(different) > 1 for different in outcomes.values())
         # A truncation this far from the contract's limit is a defect of any game.
         cut = subject.contract.limit is not None and any(trace.truncated[-1] for trace in ended)
-        if decided and not cut and not self._is_hopeless(subject, ended):
+        if decided and not cut:
             return
         longest = max(ended, key=lambda trace: trace.steps)
-        why = "and no action changes the return or the end"
-        if cut:
-            why = "and a truncation ends some of them"
-        elif decided:
-            why = f"always after {plural(longest.steps, 'step')}, and none succeeds"
+        why = "and a truncation ends some of them" if cut else "and no action changes the return or the end"
         yield self.finding(
             "EC503",
             f"all {len(ended)} episodes end within {plural(longest.steps, 'step')} under every policy, {why}",
@@ -198,17 +193,6 @@ class Termination(Check):
             repro=repro(longest.rollout.cut(longest.steps)),
             episodes=len(ended),
         )
-
-    def _is_hopeless(self, subject: Subject, traces: list[Trace]) -> bool:
-        """Whether all episodes end at one step, info says that none of them succeeds, and no search can find more."""
-        lengths = {trace.steps for trace in traces}
-        explorations = subject.searches.explorations
-        if len(lengths) > 1 or not all(trace.reported_success is False for trace in traces):
-            return False
-        [length] = lengths
-        tried = sum(int(outcome.get("steps") or 0) for outcome in explorations)
-        all_tried = tried >= length * len(subject.probes.joint_actions) ** length
-        return (all_tried or subject.searches.saturated) and not any(outcome.get("win") for outcome in explorations)
 
 
 def _placed(subject: Subject, finding: Finding) -> Finding:

@@ -101,6 +101,8 @@ def test_a_limit_that_play_can_evade(parts: dict[str, str]) -> None:
         {"truncated": "self.steps >= MAX_STEPS", "event": "if action == 3: self.steps += 500"},
         # No limit in the code: only play can tell.
         {"truncated": "False"},
+        {"event": "if self.matchOver: self.steps = 0"},
+        {"event": "if self.hasEnded or self.roundover: self.steps = 0"},
     ],
 )  # fmt: skip
 def test_a_limit_that_holds_or_is_not_known(parts: dict[str, str]) -> None:

@@ -117,6 +117,7 @@ TIMER = "if self.x == 5:\n    self.frozen = 40\nif self.frozen > 0:\n    self.fr
             "EC052",
             {"reset": "self.moth = {'genes': sorted(NAMES)}", "step": "self.x = list(set(self.moth['genes']))[0]"},
         ),
+        ("EC052", {"step": "found = []\nfor name in set(NAMES):\n    found.append(name)\nself.x = found[0]"}),
         ("EC052", {"step": "names = list(NAMES)\nself.x = [*{names[self.level]}, 2][0]"}),
         ("EC053", {"init": "self.frozen = 0", "step": TIMER}),
         ("EC053", {"step": "self.x += dice(self.level, self.np_random) > 0.5"}),
@@ -202,6 +203,12 @@ def test_what_an_episode_leaves_to_the_next(code: str, parts: dict[str, str]) ->
         {"step": "if self.x == 7:\n    self.np_random = np.random.default_rng(self.np_random.integers(9))"},
         {"step": "self.go(self.level)", "more": "def go(self, name): self.x = hash((3, name)) % 9"},
         {"reset": "self.moth = {'genes': [1, 2]}", "step": "self.x = list(set(self.moth['genes']))[0]"},
+        {
+            "reset": "self.moth, self.word = {'genes': [1, 2]}, {'genes': list(NAMES)}",
+            "step": "self.x = list(set(self.moth['genes']))[0]",
+        },
+        {"step": "card = tuple(('barn', 7))\nself.x = list({card[1], 8})[0]"},
+        {"step": "found = []\nfor name in set(NAMES):\n    found.append(name)\nfound.sort()\nself.x = found[0]"},
         {"reset": "self.moth = {'genes': sorted(NAMES)}", "step": "self.x = sorted(set(self.moth['genes']))[0]"},
         {"reset": "self.moth = {'genes': sorted(NAMES)}", "step": "self.x = list(set(self.moth['ages']))[0]"},
         # A table that reset() empties, one by a drawn key, and one whose values belong to the key.

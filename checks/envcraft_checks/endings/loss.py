@@ -62,9 +62,10 @@ def find_truncated(check: Check, subject: Subject, traces: list[Trace]) -> Itera
     if min(map(len, kinds)) < _VARIED:
         return
     program = program_of(subject)
-    # Each level may have a limit of its own, and a clock that starts again still is one.
+    # A clock that starts again is a time limit.
     if program is not None and starts_again(program):
         return
+    # Each level may have a limit of its own.
     if len({trace.rollout.seed for trace in cut}) == len({(trace.rollout.seed, trace.steps) for trace in cut}):
         return
     costly = all(trace.rewards[-1] < min(0.0, *trace.rewards[:-1]) for trace in cut)

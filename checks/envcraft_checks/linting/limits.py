@@ -12,8 +12,8 @@ from .program import Function, Program, Suspect, arguments, line, name_of
 _TRUNCATED, _RESULTS = 3, 5
 #: Words in names of what is so when an episode is over.
 _OVER = re.compile(
-    r"done|(?<![a-z])(over|ended|lose)|(game|is)_?over|terminat|truncat|lost|dead(?!line)|died|success|victory|won\b|win\b|finish",
-    re.I,
+    r"(?i:done|terminat|truncat|lost|dead(?!line)|died|success|victory|won\b|win\b|finish|(?<![a-z])(over|ended|lose))"
+    r"|(game|match|round|level|is|has)(over|ended)|[a-z](Over|Ended|Lose)"
 )
 #: Names of what limits the time of an episode. A number of moves or of turns may be a rule of the game.
 _LIMIT = re.compile(r"max_?(episode_?)?(steps?|len|frames)|(steps?|time|episode|frames?)_?(limit|length)|horizon", re.I)

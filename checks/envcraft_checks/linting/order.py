@@ -98,6 +98,7 @@ class _Sets:
         self.program = program
         self._open: set[ast.AST] = set()
         self._parameters: dict[tuple[str, Function], str] = {}
+        self._keys: dict[str, str] = {}
 
     def holds(self, node: ast.AST | None, function: Function | None) -> str:
         """What a set holds: "strings", "objects" or "members of an enumeration"; "" for another order or no set."""
@@ -181,8 +182,11 @@ class _Sets:
         """The kind of an item of a list: by its index, if the list is written out, or of any."""
         if isinstance(index, ast.Slice):
             return ""
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in _LISTS:
-            return self._once(node, function, self.items)
+        match node:
+            case ast.Call(func=ast.Name(id="list" | "tuple"), args=[ast.List() | ast.Tuple() as written]):
+                return self._item(written, function, index)
+            case ast.Call(func=ast.Name(id=name)) if name in _LISTS:
+                return self._once(node, function, self.items)
         if not isinstance(node, ast.List | ast.Tuple):
             return ""
         items = node.elts
@@ -225,6 +229,8 @@ class _Sets:
                 return self.items(one, function)
             case ast.Subscript(slice=ast.Constant(value=str() as key)):
                 return self._under(key)
+            case ast.Subscript(value=value, slice=ast.Slice()):
+                return self.items(value, function)
             case ast.Name(id=name) if name in self.program.classes:
                 return self._members(name)
             case ast.Name() | ast.Attribute():
@@ -234,14 +240,32 @@ class _Sets:
         return self.holds(node, function)
 
     def _under(self, key: str) -> str:
-        """The kind of what an iterable gives that some dict of the file has under a key."""
-        for function in self.program.all:
-            for node in function.nodes:
-                for one, value in zip(node.keys, node.values, strict=True) if isinstance(node, ast.Dict) else ():
-                    known = isinstance(one, ast.Constant) and one.value == key
-                    if known and (kind := self._once(value, function, self.items)):
-                        return kind
-        return ""
+        """The kind of the items that the dicts of this file hold under a key; "" unless all hold the same kind."""
+        if key not in self._keys:
+            given = list(self._given_under(key))
+            # A value may depend on another value of the key.
+            self._keys[key] = ""
+            known = [kind for value, function in given if (kind := self._once(value, function, self.items))]
+            if known:
+                self._keys[key] = known[0]
+                if any(self._once(value, function, self.items) != known[0] for value, function in given):
+                    self._keys[key] = ""
+        return self._keys[key]
+
+    def _given_under(self, key: str) -> Iterator[tuple[ast.expr, Function | None]]:
+        """The values that the file stores under a key of any dict, and where."""
+        for function in (None, *self.program.all):
+            for node in function.nodes if function is not None else self.program.module_nodes:
+                match node:
+                    case ast.Dict(keys=keys, values=values):
+                        for one, value in zip(keys, values, strict=True):
+                            if isinstance(one, ast.Constant) and one.value == key:
+                                yield value, function
+                    case ast.Assign(targets=targets, value=value):
+                        for target in targets:
+                            match target:
+                                case ast.Subscript(slice=ast.Constant(value=stored)) if stored == key:
+                                    yield value, function
 
     def _members(self, name: str) -> str:
         """The kind of the members of a class, if that is an enumeration whose members are hashed by their names."""
@@ -312,7 +336,7 @@ def _ordered(program: Program, function: Function | None, node: ast.AST) -> bool
     parent = program.parents[node]
     match parent:
         case ast.For(iter=iterated) if iterated is node:
-            return _order_of_turns(parent)
+            return _order_of_turns(parent, _sorted_names(program, function))
         case ast.comprehension(iter=iterated) if iterated is node:
             whole = program.parents[parent]
             if not _uses_items(parent, [whole]):
@@ -341,21 +365,25 @@ def _matters(program: Program, function: Function | None, node: ast.AST) -> bool
         case ast.Call() if node in parent.args:
             return name_of(parent) not in _ORDERLESS
         case ast.For():
-            return _order_of_turns(parent)
+            return _order_of_turns(parent, _sorted_names(program, function))
         case ast.Compare():
             return False
         case ast.comprehension():
             whole = program.parents[parent]
             return _uses_items(parent, [whole]) and _matters(program, function, whole)
         case ast.Assign(targets=[ast.Name(id=name)]):
-            nodes = function.nodes if function else program.module_nodes
-            return not any(
-                isinstance(one, ast.Attribute) and one.attr == "sort" and name_of(one.value) == name for one in nodes
-            )
+            return name not in _sorted_names(program, function)
     return True
 
 
-def _order_of_turns(loop: ast.For) -> bool:
+def _sorted_names(program: Program, function: Function | None) -> set[str]:
+    """The names of lists that a function, or the module, sorts in place."""
+    nodes = function.nodes if function else program.module_nodes
+    return {name_of(node.value) for node in nodes if isinstance(node, ast.Attribute) and node.attr == "sort"}
+
+
+def _order_of_turns(loop: ast.For, sorted_names: set[str]) -> bool:
+    """Whether the order of a loop's turns matters; not to what is put into a list that is sorted."""
     if not _uses_items(loop, loop.body):
         return False
     if _numbers(loop):
@@ -363,8 +391,12 @@ def _order_of_turns(loop: ast.For) -> bool:
     for node in (inner for statement in loop.body for inner in ast.walk(statement)):
         if isinstance(node, ast.Break | ast.Return | ast.Yield):
             return True
-        if _draws(node) or (isinstance(node, ast.Call) and name_of(node) in _ORDERED):
+        if _draws(node):
             return True
+        if isinstance(node, ast.Call) and name_of(node) in _ORDERED:
+            target = node.func.value if isinstance(node.func, ast.Attribute) else None
+            if not (isinstance(target, ast.Name) and target.id in sorted_names):
+                return True
         if isinstance(node, ast.Call) and not node.args and name_of(node) in ("pop", "popleft"):
             # Each turn takes the next item of another collection.
             return True

@@ -40,9 +40,9 @@ def main() -> None:
 
 
 def _put_the_standard_library_first() -> None:
-    """Reorder the path, where PYTHONPATH puts the libraries first.
+    """Move the standard library to the front of ``sys.path``, because PYTHONPATH puts the libraries before it.
 
-    A library may bring a module of the same name, such as the package pathlib, which was for Python 2.
+    A library may have the name of a standard module, such as ``pathlib``, which was made for Python 2.
     """
     standard = os.path.dirname(os.__file__)
     sys.path.sort(key=lambda entry: entry != standard)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from .exploration import cell_of, choose, remember
 from .tree import Node, Tree
 
@@ -97,4 +99,4 @@ class _Hunt:
 
     def _count(self, node: Node) -> float:
         value = vars(node.env.unwrapped).get(self._name)
-        return float(value) if isinstance(value, int | float) else 0.0
+        return float(value) if isinstance(value, int | float | np.number) else 0.0
