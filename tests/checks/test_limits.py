@@ -102,6 +102,7 @@ def test_a_limit_that_play_can_evade(parts: dict[str, str]) -> None:
         # No limit in the code: only play can tell.
         {"truncated": "False"},
         {"event": "if self.matchOver: self.steps = 0"},
+        {"event": "if action == 3 and self.steps < 300: self.steps = 0"},
         {"event": "if self.hasEnded or self.roundover: self.steps = 0"},
     ],
 )  # fmt: skip

@@ -82,6 +82,7 @@ def test_a_dict_a_set_or_a_deque_raises(made: str, body: list[str]) -> None:
         [LOOP, "    def forget():", REMOVE, "    self.later.append(forget)"],
         # The loop has another object, or the item is another one.
         [LOOP, "    if item:", "        self.items = type(self.items)(self.items)", REMOVE],
+        [LOOP, "    self.items.remove(item)", "    self.items[0] = item"],
         [LOOP, "    item.parts.remove(item)"],
         [LOOP, "    if item is self.last:", "        self.items.remove(self.first)"],
         [

@@ -27,7 +27,7 @@ def shrinking_loops(program: Program) -> Iterator[Suspect]:
                 continue
             container = _container(loop.iter)
             removal = next(_removals(loop, container), None) if container is not None else None
-            if container is None or removal is None or _leaves(loop, removal) or _rebinds(loop, container):
+            if container is None or removal is None or _leaves(loop, removal) or _refills(loop, container):
                 continue
             values = [value for value, _ in program.values(container, function)]
             text = ast.unparse(container)[:_SHOWN]
@@ -90,14 +90,17 @@ def _leaves(loop: ast.For, removal: ast.AST) -> bool:
     )
 
 
-def _rebinds(loop: ast.For, container: ast.expr) -> bool:
-    """Whether the body gives the container's name another object, or puts items back."""
+def _refills(loop: ast.For, container: ast.expr) -> bool:
+    """Whether the body gives the container's name another object, or puts items into the container."""
     for node in _running(loop.body):
         match node:
             case ast.Name(ctx=ast.Store()) | ast.Attribute(ctx=ast.Store()):
                 if ast.unparse(node) == ast.unparse(container):
                     return True
-            case ast.Call(func=ast.Attribute(value=owner, attr="insert")) if ast.dump(owner) == ast.dump(container):
+            case (
+                ast.Call(func=ast.Attribute(value=owner, attr="add" | "insert" | "setdefault"))
+                | ast.Subscript(value=owner, ctx=ast.Store())
+            ) if ast.dump(owner) == ast.dump(container):
                 return True
     return False
 

@@ -361,12 +361,24 @@ def _sets(play: list[Function], name: str) -> Iterator[tuple[ast.Assign, Functio
 def _restarts(program: Program, play: list[Function], name: str) -> Iterator[Suspect]:
     for statement, function in _sets(play, name):
         beside = _suite(program, statement)
-        words = [ast.unparse(test) for test in _conditions(program, statement, function)]
+        tests = list(_conditions(program, statement, function))
+        words = [ast.unparse(test) for test in tests]
         words += [ast.unparse(target) for one in beside if isinstance(one, ast.Assign) for target in one.targets]
         if any(map(_OVER.search, words)) or any(isinstance(one, ast.Return | ast.Raise) for one in beside):
             # The episode may end there.
             continue
+        if any(_is_early(node, name) for test in tests for node in ast.walk(test)):
+            # It may start again only while few steps are counted.
+            continue
         yield Suspect(line(statement), f"sets {ast.unparse(statement.targets[0])} back during play")
+
+
+def _is_early(node: ast.AST, name: str) -> bool:
+    """Whether a comparison holds only while an attribute of this name is small."""
+    match node:
+        case ast.Compare(left=ast.Attribute(attr=attr), ops=[ast.Lt() | ast.LtE()]):
+            return attr == name
+    return False
 
 
 def _suite(program: Program, statement: ast.stmt) -> list[ast.stmt]:
