@@ -5,7 +5,8 @@ from __future__ import annotations
 import ast
 
 import pytest
-from envcraft_checks.linting.limits import restarted, starts_again, terminates_at, unlimited
+from envcraft_checks.linting.evading import restarted, starts_again, unlimited
+from envcraft_checks.linting.limits import terminates_at
 from envcraft_checks.linting.program import Program
 
 GAME = """

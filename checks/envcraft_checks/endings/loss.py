@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from envcraft.judging.shrink import repro
 from envcraft.model.rollout import Rollout
-from envcraft_checks.linting.limits import starts_again
+from envcraft_checks.linting.evading import starts_again
 from envcraft_checks.linting.program import line, program_of
 
 from .flags import returned_flags

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from envcraft.judging.shrink import repro
-from envcraft_checks.linting.limits import restarted, step_limit, terminates_at, unlimited
+from envcraft_checks.linting.evading import restarted, unlimited
+from envcraft_checks.linting.limits import step_limit, terminates_at
 from envcraft_checks.linting.program import in_words, program_of
 
 from .flags import returned_flags
