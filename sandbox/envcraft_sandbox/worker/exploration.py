@@ -233,7 +233,7 @@ def horizon(tree: Tree) -> None:
     node = tree.root()
     kept: list[Any] = []
     while not node.ended and tree.out.win is None and not tree.spent():
-        plans = [kept + _held(tree, _AHEAD - len(kept)), *(_held(tree, _AHEAD) for _ in range(_PLANS - 1))]
+        plans = [kept + held(tree, _AHEAD - len(kept)), *(held(tree, _AHEAD) for _ in range(_PLANS - 1))]
         kept = max(plans, key=lambda plan: _worth(tree, node, plan))
         for action in kept[:_FOLLOW]:
             if not tree.step(node, action):
@@ -247,7 +247,7 @@ def horizon(tree: Tree) -> None:
     tree.out.best, tree.out.best_return = node.path.actions(), node.total
 
 
-def _held(tree: Tree, length: int) -> list[Any]:
+def held(tree: Tree, length: int) -> list[Any]:
     """A plan of `length` actions, each held for a while."""
     plan: list[Any] = []
     while len(plan) < length:

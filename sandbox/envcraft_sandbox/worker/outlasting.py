@@ -6,13 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from .exploration import cell_of, choose, remember
+from .exploration import cell_of, choose, held, remember
 from .tree import Node, Tree
 
-#: Steps of one walk of an exploration.
-_WALK = 24
-#: How long an action is held.
-_HOLDS = (1, 1, 2, 3, 5, 8, 13)
+#: Steps of one walk of an exploration, at least and at most.
+_WALK = 4, 24
 #: The share of the budget in which an exploration must come to the next restart.
 _SHARE = 0.15
 #: The part of its limit to which the counter is driven by doing nothing.
@@ -77,11 +75,7 @@ class _Hunt:
             start = choose(tree.random, archive)
             start.visits += 1
             branch = tree.branch(start)
-            action, hold = None, 0
-            for _ in range(tree.random.randint(4, _WALK)):
-                if not hold:
-                    action, hold = tree.random.choice(tree.actions), tree.random.choice(_HOLDS)
-                hold -= 1
+            for action in held(tree, tree.random.randint(*_WALK)):
                 count = self._count(branch)
                 if not self._step(branch, action) or tree.spent():
                     break
