@@ -11,7 +11,7 @@ from .program import Program, Suspect, line, name_of
 _VIEWS = frozenset({"items", "keys", "values"})
 _LISTS = frozenset({"list", "sorted"})
 #: What raises an error if its size changes while a loop iterates over it.
-_RAISE = frozenset({"Counter", "OrderedDict", "defaultdict", "deque", "dict", "set"})
+_RAISE = frozenset({"Counter", "defaultdict", "deque", "dict", "set"})
 #: The most characters of a container that a message repeats.
 _SHOWN = 40
 
